@@ -1,0 +1,1 @@
+"""Calibration. So far: the boards; the solvers follow."""

@@ -1,0 +1,111 @@
+"""The one face that all logs and folders show: topics, a time span, and a stream of samples."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from percept.core.samples import Sample
+
+__all__ = ["Envelope", "Recording", "TopicInfo"]
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic of a recording.
+
+    Attributes:
+        topic: Name.
+        msgtype: Type in ROS 2 style, or the file kind for folders (`folder/pcd`).
+        count: Messages that can be read.
+        sample_type: The sample class that its messages decode to; `OtherSample` for the rest.
+        undecodable: Why its messages cannot be decoded, or None where they can.
+    """
+
+    topic: str
+    msgtype: str
+    count: int
+    sample_type: type[Sample]
+    undecodable: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """What is known of a message without decoding it.
+
+    Attributes:
+        topic: Name of its topic.
+        stamp_ns: Header stamp, or None for a type without a header.
+        log_time_ns: Time of recording.
+        size_bytes: Serialized size.
+    """
+
+    topic: str
+    stamp_ns: int | None
+    log_time_ns: int
+    size_bytes: int
+
+
+class Recording(Protocol):
+    """A log or a folder, open for reading; also a context manager.
+
+    Attributes:
+        paths: The files that are read.
+        format: `rosbag1`, `sqlite3`, `mcap` or `folder`; several joined by `+`.
+        start_ns: Smallest log time, or None for an empty recording.
+        end_ns: Largest log time, or None for an empty recording.
+        losses: What could not be read or decoded, by reason, with a count. Grows while
+            samples are read.
+    """
+
+    paths: tuple[Path, ...]
+    format: str
+    start_ns: int | None
+    end_ns: int | None
+    losses: Counter[str]
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """Return all topics, sorted by name."""
+        ...
+
+    def samples(
+        self,
+        *,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[Sample]:
+        """Yield samples in log-time order with bounded memory.
+
+        A message that cannot be decoded is counted in `losses` and skipped.
+
+        Args:
+            topics: Only these topics; all where it is None.
+            start_ns: Smallest log time, inclusive.
+            end_ns: Largest log time, inclusive.
+
+        Raises:
+            TopicNotFoundError: If a topic is not in the recording; names the candidates.
+        """
+        ...
+
+    def envelopes(self, *, topics: Collection[str] | None = None) -> Iterator[Envelope]:
+        """Yield times and sizes of messages in log-time order, without decoding them."""
+        ...
+
+    def close(self) -> None:
+        """Close all files."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...

@@ -1,0 +1,1 @@
+"""The vocabulary of percept: time, frames, samples, rigs, results, settings and errors."""
