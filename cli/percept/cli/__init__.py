@@ -1,1 +1,1 @@
-"""Part of percept."""
+"""The command line: thin files, one a command, and the one place that catches errors."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -79,31 +79,50 @@ def parse_settings(model: type[_Model], values: dict[str, Any], where: object) -
         return model.model_validate(values)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
+        place, models = _resolve(model, first["loc"])
         if first["type"] != "extra_forbidden":
             raise ConfigError(f"'{place}': {first['msg'].lower()}", where=where) from error
-        valid = _keys_at(model, first["loc"][:-1])
+        valid = sorted({key for found in models for key in found.model_fields})
         near = difflib.get_close_matches(str(first["loc"][-1]), valid, n=1, cutoff=0.0)
         remedy = f"Did you mean '{near[0]}'? Valid keys: {', '.join(valid)}" if near else None
         raise ConfigError(f"unknown key '{place}'", where=where, remedy=remedy) from error
 
 
-def _keys_at(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
-    """Return the valid keys of the (nested) settings class at a place."""
-    current: Any = model
+def _resolve(
+    model: type[BaseModel], path: tuple[int | str, ...]
+) -> tuple[str, list[type[BaseModel]]]:
+    """Return a place as a person writes it, and the classes whose keys are valid there.
+
+    Pydantic's path names the chosen member of a tagged union too; that part narrows the
+    classes and is left out of the text.
+    """
+    models: list[type[BaseModel]] = [model]
+    parts: list[str] = []
     for part in path:
-        field = current.model_fields.get(str(part)) if hasattr(current, "model_fields") else None
-        if field is None:
+        tagged = [m for m in models if _has_tag(m, part)]
+        if tagged and len(models) > 1:
+            models = tagged
             continue
-        current = next(
-            (
-                option
-                for option in (field.annotation, *getattr(field.annotation, "__args__", ()))
-                if isinstance(option, type) and issubclass(option, BaseModel)
-            ),
-            current,
-        )
-    return list(current.model_fields)
+        parts.append(str(part))
+        below = [
+            found
+            for m in models
+            if part in m.model_fields
+            for found in _models_in(m.model_fields[str(part)].annotation)
+        ]
+        models = below or models
+    return ".".join(parts), models
+
+
+def _has_tag(model: type[BaseModel], tag: int | str) -> bool:
+    return any(tag in get_args(field.annotation) for field in model.model_fields.values())
+
+
+def _models_in(annotation: object) -> list[type[BaseModel]]:
+    """Return the settings classes that an annotation mentions, at any depth."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [found for inner in get_args(annotation) for found in _models_in(inner)]
 
 
 def _merged(values: dict[str, Any], overrides: dict[str, Any]) -> dict[str, Any]:

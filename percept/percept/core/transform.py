@@ -150,7 +150,7 @@ def quat_xyzw_from_matrix(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
             [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]],
         ]
     )
-    quat = rows[int(np.argmax(squares))]
+    quat: NDArray[np.float64] = rows[int(np.argmax(squares))]
     quat /= np.linalg.norm(quat)
     return quat if quat[3] >= 0 else -quat
 
