@@ -6,9 +6,12 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias
 
-__all__ = ["Connection", "MessageSource", "RawMessage"]
+__all__ = ["Connection", "MessageSource", "RawMessage", "RosMessage"]
+
+RosMessage: TypeAlias = Any
+"""A decoded message, or a part of one: its class is generated from its definition at run time."""
 
 
 @dataclass(frozen=True, slots=True)

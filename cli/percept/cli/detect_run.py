@@ -1,0 +1,307 @@
+"""The run behind `percept detect`: from a log to the run folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+
+from percept.cli.detect_verdict import RunFacts, judge
+from percept.cli.lidar_streams import LidarStreams, first_clouds, plan_streams
+from percept.cli.progress import progress_bar
+from percept.cli.run_folder import RunFolder, describe_input
+from percept.core.clock import ns_from_seconds
+from percept.core.errors import UsageError
+from percept.core.rig import Rig, load_rig
+from percept.core.settings import Settings, load_settings
+from percept.core.transform import Transform
+from percept.datasets import open_recording
+from percept.datasets.recording import Recording
+from percept.datasets.sensors import choose_lidars
+from percept.export.detection_report import detection_report
+from percept.export.detection_summary import DetectionSummary
+from percept.export.finished import detections_of
+from percept.export.journal import FrameJournal
+from percept.export.overlay import OverlayWriter
+from percept.export.report import write_report
+from percept.export.tables import DETECTIONS_3D, write_parquet
+from percept.export.view import ViewWriter
+from percept.lidar.pipeline import LidarConfig, LidarDetector
+from percept.lidar.prepare import prepare_detector
+
+__all__ = ["DetectConfig", "DetectRequest", "run_detection"]
+
+_FIRST_CLOUDS = 10
+_JOURNAL = ".journal"
+_OUTPUTS = ("detections_3d.parquet", "view.rrd", "report.html", "overlay.mcap", _JOURNAL)
+
+
+class DetectConfig(Settings):
+    """All settings of `percept detect`.
+
+    Attributes:
+        lidars: `merge` or `separate`; None merges where the place of every LiDAR is known.
+        lidar: The LiDAR pipeline.
+    """
+
+    lidars: Literal["merge", "separate"] | None = None
+    lidar: LidarConfig = Field(default_factory=LidarConfig)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectRequest:
+    """What the command line asked for; see the options of `percept detect`."""
+
+    bags: tuple[Path, ...]
+    out: Path
+    rig: Path | None = None
+    topics: Mapping[str, str]
+    config: Path | None = None
+    flags: Mapping[str, Any]
+    start_s: float | None = None
+    end_s: float | None = None
+    overlay: bool = False
+    resume: bool = False
+    force: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plan:
+    """What is settled before the first scan is judged."""
+
+    config: DetectConfig
+    streams: LidarStreams
+    detectors: Mapping[str, LidarDetector]
+    start_ns: int | None
+    end_ns: int | None
+    frames_expected: int
+
+    def transforms(self) -> list[Transform]:
+        """Return where the sensors sit, for the view."""
+        placed = [s.T_base_sensor for s in self.streams.sensors if s.T_base_sensor is not None]
+        return placed if self.streams.merged or len(placed) == len(self.streams.sensors) else []
+
+
+def run_detection(request: DetectRequest) -> dict[str, Any]:
+    """Detect objects in a log and fill the run folder; return the content of `run.json`.
+
+    Raises:
+        PerceptError: If the input, a setting or the folder cannot be used.
+    """
+    config = load_settings(DetectConfig, request.config, dict(request.flags))
+    rig = load_rig(request.rig) if request.rig is not None else None
+    with open_recording(list(request.bags)) as recording:
+        plan = _plan(recording, rig, config, request)
+        with RunFolder(
+            request.out, force=request.force, resume=request.resume, outputs=_OUTPUTS
+        ) as folder:
+            return _fill(folder, recording, plan, request)
+
+
+def _plan(
+    recording: Recording, rig: Rig | None, config: DetectConfig, request: DetectRequest
+) -> _Plan:
+    streams = plan_streams(choose_lidars(recording, rig, request.topics), config.lidars)
+    start_ns, end_ns = _window(recording, request)
+    first = first_clouds(streams, recording, start_ns, end_ns, _FIRST_CLOUDS)
+    detectors = {}
+    for name, clouds in first.items():
+        if clouds:
+            T_base_sensor = streams.placed(name)
+            detectors[name] = prepare_detector(
+                clouds,
+                _with_base_height(config.lidar, T_base_sensor),
+                sensor=name,
+                T_base_sensor=(
+                    Transform.identity(clouds[0].frame, clouds[0].frame)
+                    if T_base_sensor is not None
+                    else None
+                ),
+            )
+    counted = [s.topic for s in streams.sensors][: 1 if streams.merged else None]
+    scans = sum(topic.count for topic in recording.topics() if topic.topic in counted)
+    return _Plan(
+        config=config,
+        streams=streams,
+        detectors=detectors,
+        start_ns=start_ns,
+        end_ns=end_ns,
+        frames_expected=max(scans, 1),
+    )
+
+
+def _window(recording: Recording, request: DetectRequest) -> tuple[int | None, int | None]:
+    """Return the first and last log time that are wanted."""
+    if request.end_s is not None and request.end_s <= (request.start_s or 0.0):
+        raise UsageError(f"--end {request.end_s:g} is not after --start {request.start_s or 0:g}")
+    first_ns = recording.start_ns or 0
+    start_ns = None if request.start_s is None else first_ns + ns_from_seconds(request.start_s)
+    end_ns = None if request.end_s is None else first_ns + ns_from_seconds(request.end_s)
+    return start_ns, end_ns
+
+
+def _with_base_height(config: LidarConfig, T_base_sensor: Transform | None) -> LidarConfig:
+    """Turn a sensor's height into that of the base frame, in which its clouds are judged."""
+    if config.sensor_height_m is None or T_base_sensor is None:
+        return config
+    height_m = max(config.sensor_height_m - float(T_base_sensor.translation_m[2]), 0.0)
+    return config.model_copy(update={"sensor_height_m": height_m})
+
+
+def _fill(
+    folder: RunFolder, recording: Recording, plan: _Plan, request: DetectRequest
+) -> dict[str, Any]:
+    fingerprint = _fingerprint(recording, plan)
+    summary = DetectionSummary()
+    with FrameJournal(folder.path / _JOURNAL, fingerprint, resume=request.resume) as journal:
+        for finished, rows in journal.read():
+            summary.add_finished(finished, detections_of(finished, rows))
+        notes = _judge_scans(folder.path, recording, plan, journal, summary, fingerprint)
+        write_parquet(folder.path / "detections_3d.parquet", DETECTIONS_3D, journal.batches())
+        if request.overlay:
+            _write_overlay(folder.path / "overlay.mcap", journal)
+        run = _conclude(folder, recording, plan, summary, notes)
+        journal.remove()
+    return run
+
+
+def _judge_scans(
+    out: Path,
+    recording: Recording,
+    plan: _Plan,
+    journal: FrameJournal,
+    summary: DetectionSummary,
+    fingerprint: str,
+) -> list[str]:
+    """Run the detectors over all scans that are not finished; return notes for the report."""
+    done = journal.next_frame
+    with ExitStack() as stack:
+        view = stack.enter_context(
+            ViewWriter(
+                out / "view.rrd",
+                run_id=fingerprint,
+                T_root_frames=plan.transforms(),
+                frames_expected=plan.frames_expected,
+                resume=done > 0,
+            )
+        )
+        advance = stack.enter_context(progress_bar("detecting", plan.frames_expected))
+        clouds = plan.streams.clouds(recording, plan.start_ns, plan.end_ns)
+        for frame, (name, cloud) in enumerate(clouds):
+            if frame >= done:
+                result = plan.detectors[name].detect(cloud)
+                journal.append(frame, result)
+                summary.add(frame, result)
+                view.add(frame, result)
+            advance(frame + 1)
+        return [view.close().as_text()]
+
+
+def _write_overlay(path: Path, journal: FrameJournal) -> None:
+    with OverlayWriter(path) as overlay:
+        for finished, rows in journal.read():
+            overlay.add(detections_of(finished, rows), finished.log_time_ns)
+
+
+def _conclude(
+    folder: RunFolder,
+    recording: Recording,
+    plan: _Plan,
+    summary: DetectionSummary,
+    notes: list[str],
+) -> dict[str, Any]:
+    """Judge the run, and write the report and `run.json`."""
+    streams = plan.streams
+    verdict, why, advice = judge(_facts(recording, plan, summary))
+    dropped = dict(summary.dropped)
+    dropped.update(recording.losses)
+    dropped.update({f"merged scan without {t}": n for t, n in streams.missing.items()})
+    dropped.update(
+        {f"scan of {t} that fits no merged scan": n for t, n in streams.unmatched.items()}
+    )
+    config = {
+        **plan.config.model_dump(mode="json"),
+        "sensors": [_describe(plan, name) for name in plan.detectors],
+    }
+    content = detection_report(
+        summary,
+        title=f"Objects in {recording.paths[0].name}",
+        verdict=verdict,
+        why=why,
+        advice=advice,
+        inputs=[describe_input(path) for path in recording.paths],
+        settings=config,
+        losses={k: n for k, n in dropped.items() if k not in summary.dropped},
+        notes=notes,
+    )
+    write_report(folder.path / "report.html", content)
+    counts = {
+        "frames": summary.frames,
+        "objects": summary.objects,
+        "labels": dict(summary.labels.most_common()),
+        "points": sum(s.points for s in summary.sensors.values()),
+        "ground_points": sum(s.ground_points for s in summary.sensors.values()),
+    }
+    return folder.finish(
+        config=config,
+        inputs=recording.paths,
+        counts=counts,
+        dropped=dropped,
+        verdict=verdict,
+        why=why,
+    )
+
+
+def _facts(recording: Recording, plan: _Plan, summary: DetectionSummary) -> RunFacts:
+    estimated = plan.config.lidar.sensor_height_m is None
+    return RunFacts(
+        frames=summary.frames,
+        objects=summary.objects,
+        points=sum(s.points for s in summary.sensors.values()),
+        ground_points=sum(s.ground_points for s in summary.sensors.values()),
+        losses=dict(recording.losses),
+        missing=dict(plan.streams.missing),
+        height_spread_m=(
+            {name: d.mounting.sd_height_m for name, d in plan.detectors.items()}
+            if estimated
+            else {}
+        ),
+    )
+
+
+def _describe(plan: _Plan, name: str) -> dict[str, Any]:
+    """Return what was used of a stream: its topics, its frame, and how it is mounted."""
+    mounting = plan.detectors[name].mounting
+    sensors = plan.streams.sensors
+    topics = [s.topic for s in sensors if plan.streams.merged or s.name == name]
+    return {
+        "name": name,
+        "topics": topics,
+        "in_base_frame": plan.streams.is_in_base(name),
+        "height_m": round(mounting.height_m, 4),
+        "height_sd_m": round(mounting.sd_height_m, 4) if mounting.clouds_used else None,
+        "tilt_deg": round(mounting.tilt_deg, 3),
+        "upside_down": mounting.upside_down,
+    }
+
+
+def _fingerprint(recording: Recording, plan: _Plan) -> str:
+    """Return a text that stands for the version, the inputs, the settings and the sensors."""
+    facts = {
+        "percept": version("percept-toolkit"),
+        "inputs": [describe_input(path) for path in recording.paths],
+        "config": plan.config.model_dump(mode="json"),
+        "window": [plan.start_ns, plan.end_ns],
+        "sensors": [
+            [s.name, s.topic, None if s.T_base_sensor is None else s.T_base_sensor.matrix.tolist()]
+            for s in plan.streams.sensors
+        ],
+    }
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:32]

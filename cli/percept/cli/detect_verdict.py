@@ -1,0 +1,83 @@
+"""When a detection run is good, doubtful or bad: all limits in one place.
+
+| limit | verdict |
+|---|---|
+| no frame could be judged | bad |
+| more than half of the scans could not be decoded | bad |
+| anything in the log could not be read or decoded | doubtful |
+| heights of the ground plane spread more than 0.10 m between the first scans | doubtful |
+| less than 5 % or more than 95 % of all points are ground | doubtful |
+| more than a tenth of the merged scans lack a LiDAR | doubtful |
+| not one object in the whole run | doubtful |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from percept.core.results import Verdict
+
+__all__ = ["RunFacts", "judge"]
+
+_LARGEST_HEIGHT_SPREAD_M = 0.10
+_GROUND_SHARE = (0.05, 0.95)
+_LARGEST_MISSING_SHARE = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunFacts:
+    """What the verdict rests on.
+
+    Attributes:
+        frames: Frames that were judged.
+        objects: Boxes.
+        points: Points of all frames.
+        ground_points: Points taken for ground.
+        losses: What could not be read or decoded, by reason.
+        missing: Merged scans without one of the LiDARs, by topic.
+        height_spread_m: Spread of the estimated height, by stream; only where it was estimated.
+    """
+
+    frames: int
+    objects: int
+    points: int
+    ground_points: int
+    losses: Mapping[str, int] = field(default_factory=dict)
+    missing: Mapping[str, int] = field(default_factory=dict)
+    height_spread_m: Mapping[str, float] = field(default_factory=dict)
+
+
+def judge(facts: RunFacts) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
+    """Return the verdict of a run, its reasons, and advice."""
+    if facts.frames == 0:
+        return Verdict.BAD, ("no scan could be judged",), ("Look with `percept inspect`",)
+    doubts: list[str] = []
+    advice: list[str] = []
+    if facts.losses:
+        lost = ", ".join(f"{count} x {reason}" for reason, count in facts.losses.items())
+        doubts.append(f"the log could not be read in full: {lost}")
+        advice.append("Save a sound copy with `percept inspect LOG --recover OUT`")
+    for name, spread_m in facts.height_spread_m.items():
+        if spread_m > _LARGEST_HEIGHT_SPREAD_M:
+            doubts.append(f"the height of '{name}' is uncertain (spread {spread_m:.2f} m)")
+            advice.append("Give --sensor-height or a rig")
+    doubts += _ground_doubts(facts)
+    for topic, count in facts.missing.items():
+        if count > _LARGEST_MISSING_SHARE * facts.frames:
+            doubts.append(f"{count} of {facts.frames} merged scans lack {topic}")
+            advice.append("See its gaps with `percept inspect`, or use --lidars separate")
+    if facts.objects == 0:
+        doubts.append(f"not one object in {facts.frames} scans")
+        advice.append("Look at the ground and the clusters with `percept view`")
+    if doubts:
+        return Verdict.DOUBTFUL, tuple(doubts), tuple(dict.fromkeys(advice))
+    why = f"the log was read in full, and {facts.frames} scans were judged without a doubt"
+    return Verdict.GOOD, (why,), ()
+
+
+def _ground_doubts(facts: RunFacts) -> list[str]:
+    share = facts.ground_points / max(facts.points, 1)
+    if _GROUND_SHARE[0] <= share <= _GROUND_SHARE[1]:
+        return []
+    return [f"{share:.0%} of the points were taken for ground"]

@@ -1,0 +1,137 @@
+"""From a log to the clouds that are detected on, one stream a sensor or one merged stream."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+from percept.core.errors import InputError, UsageError
+from percept.core.rig import LidarSensor
+from percept.core.samples import PointCloud
+from percept.core.transform import Transform
+from percept.datasets.recording import Recording
+from percept.lidar.merge import ScanGrouper, merge_clouds
+
+__all__ = ["LidarStreams", "first_clouds", "plan_streams"]
+
+MERGED_NAME = "lidars"
+
+
+@dataclass(slots=True)
+class LidarStreams:
+    """The LiDARs of a log, as the clouds that detection sees.
+
+    Attributes:
+        sensors: The LiDARs, each with its topic; the first is the reference of a merge.
+        merged: Whether their scans are brought together in the base frame.
+        missing: By topic, merged scans that went out without that LiDAR.
+        unmatched: By topic, scans that no merged scan took.
+    """
+
+    sensors: tuple[LidarSensor, ...]
+    merged: bool
+    missing: Counter[str] = field(default_factory=Counter)
+    unmatched: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The name of each stream."""
+        return (MERGED_NAME,) if self.merged else tuple(sensor.name for sensor in self.sensors)
+
+    def clouds(
+        self, recording: Recording, start_ns: int | None, end_ns: int | None
+    ) -> Iterator[tuple[str, PointCloud]]:
+        """Yield stream names and clouds in log order, in the base frame where it is known."""
+        samples = recording.samples(
+            topics=[s.topic for s in self.sensors if s.topic is not None],
+            start_ns=start_ns,
+            end_ns=end_ns,
+        )
+        clouds = (sample for sample in samples if isinstance(sample, PointCloud))
+        by_topic = {sensor.topic: sensor for sensor in self.sensors}
+        if not self.merged:
+            for cloud in clouds:
+                sensor = by_topic[cloud.topic]
+                yield sensor.name, _in_base(cloud, sensor)
+            return
+        grouper = ScanGrouper([s.topic for s in self.sensors if s.topic is not None])
+        for group in grouper.groups(_in_base(cloud, by_topic[cloud.topic]) for cloud in clouds):
+            base = group[0].frame
+            yield MERGED_NAME, merge_clouds(group, {base: Transform.identity(base, base)})
+        self.missing.update(grouper.missing)
+        self.unmatched.update(grouper.unmatched)
+
+    def is_in_base(self, name: str) -> bool:
+        """Return whether a stream's clouds are in the base frame."""
+        return self.merged or self.placed(name) is not None
+
+    def placed(self, name: str) -> Transform | None:
+        """Return `T_base_sensor` of a stream; that of the reference for a merged one."""
+        sensor = self.sensors[0] if self.merged else self.sensors[self.names.index(name)]
+        return sensor.T_base_sensor
+
+
+def plan_streams(
+    sensors: tuple[LidarSensor, ...], wanted: Literal["merge", "separate"] | None
+) -> LidarStreams:
+    """Decide whether several LiDARs are merged.
+
+    Args:
+        sensors: The LiDARs, with their places where known.
+        wanted: What was asked for; None merges where the place of every LiDAR is known.
+
+    Raises:
+        UsageError: If a merge was asked for and a place is not known.
+    """
+    lost = [sensor.name for sensor in sensors if sensor.T_base_sensor is None]
+    if wanted == "merge" and lost:
+        raise UsageError(
+            f"cannot merge: the place of {', '.join(lost)} is not known",
+            remedy="Give --rig, or use --lidars separate",
+        )
+    merged = len(sensors) > 1 and not lost and wanted != "separate"
+    return LidarStreams(sensors, merged)
+
+
+def first_clouds(
+    streams: LidarStreams,
+    recording: Recording,
+    start_ns: int | None,
+    end_ns: int | None,
+    wanted: int,
+) -> dict[str, list[PointCloud]]:
+    """Return the first clouds of each stream, as many as wanted where there are so many.
+
+    Raises:
+        InputError: If no cloud of any stream has a point.
+    """
+    found: dict[str, list[PointCloud]] = {name: [] for name in streams.names}
+    nonfinite = clouds = 0
+    scouting = LidarStreams(streams.sensors, streams.merged)
+    for name, cloud in scouting.clouds(recording, start_ns, end_ns):
+        clouds += 1
+        nonfinite += cloud.dropped_nonfinite
+        if len(cloud) and len(found[name]) < wanted:
+            found[name].append(cloud)
+        if all(len(some) >= wanted for some in found.values()):
+            break
+    if not any(found.values()):
+        what = "no scan in this part of the log" if not clouds else f"all {clouds} scans are empty"
+        if nonfinite:
+            what = f"all points of all {clouds} scans are NaN or infinite ({nonfinite} points)"
+        raise InputError(
+            what,
+            where=", ".join(s.topic or s.name for s in streams.sensors),
+            remedy="Choose another --topic, --start or --end, or look with `percept inspect`",
+        )
+    return found
+
+
+def _in_base(cloud: PointCloud, sensor: LidarSensor) -> PointCloud:
+    """Move a cloud into the base frame; the log's name of the sensor's frame does not matter."""
+    if sensor.T_base_sensor is None:
+        return cloud
+    base = sensor.T_base_sensor.target
+    return cloud.transformed(Transform(base, cloud.frame, sensor.T_base_sensor.matrix))

@@ -1,0 +1,156 @@
+"""Opens whatever a recorder has written: the content of a file decides, not its name."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from percept.core.errors import RecordingError
+
+if TYPE_CHECKING:
+    from percept.datasets.messages import MessageSource
+    from percept.datasets.recording import Recording
+
+__all__ = ["log_files", "open_recording", "open_source"]
+
+_Path: TypeAlias = str | os.PathLike[str]
+_KINDS = "a ROS 1 .bag, a .db3, an .mcap, or a folder of them"
+_LOG_SUFFIXES = (".bag", ".bag.active", ".db3", ".mcap")
+_COMPRESSED = (".zstd", ".zst")
+_POINT_FILES = (".bin", ".pcd", ".ply", ".npy")
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+def open_recording(path: _Path | Sequence[_Path]) -> Recording:
+    """Open a log, several logs merged in time, or a folder of scans or images.
+
+    Args:
+        path: A ROS 1 bag, a ROS 2 folder, a bare .db3 or .mcap, these in zstd, a folder of
+            such files, a folder or file of point clouds or images; or several logs.
+
+    Raises:
+        RecordingError: If it is none of these or cannot be read.
+    """
+    paths = [Path(path)] if isinstance(path, str | os.PathLike) else [Path(one) for one in path]
+    if not paths:
+        raise RecordingError("no log was given", remedy=f"Give {_KINDS}")
+    for one in paths:
+        if not one.exists():
+            raise RecordingError("no such file or folder", where=one, remedy="Check the path")
+    if len(paths) == 1 and not _is_log(paths[0]):
+        from percept.datasets.folders import open_folder
+
+        return open_folder(paths[0])
+    return _open_logs(paths)
+
+
+def _is_log(path: Path) -> bool:
+    if path.is_dir():
+        return bool(log_files(path)) or (path / "metadata.yaml").is_file()
+    return path.suffix.lower() not in _POINT_FILES or path.stat().st_size == 0
+
+
+def _open_logs(paths: Sequence[Path]) -> Recording:
+    from percept.datasets.bag_recording import BagRecording
+
+    sources: list[MessageSource] = []
+    losses: Counter[str] = Counter()
+    try:
+        for path in paths:
+            sources.extend(
+                _open_folder_of_logs(path, losses) if path.is_dir() else (open_source(path),)
+            )
+        return BagRecording(sources, losses)
+    except BaseException:
+        for source in sources:
+            source.close()
+        raise
+
+
+def _open_folder_of_logs(folder: Path, losses: Counter[str]) -> Iterator[MessageSource]:
+    """Open the files of a folder; one that cannot be used is counted, unless it is the only one."""
+    files = log_files(folder)
+    if not files:
+        raise RecordingError(
+            "metadata.yaml is here, but no log file", where=folder, remedy=f"Give {_KINDS}"
+        )
+    missing = _stated_files(folder) - {file.name for file in files}
+    if missing:
+        losses["files missing that metadata.yaml names"] += len(missing)
+    for file in files:
+        try:
+            yield open_source(file)
+        except RecordingError as error:
+            if len(files) == 1:
+                raise
+            losses[f"files that cannot be used ({file.name}: {error.what})"] += 1
+
+
+def log_files(folder: Path) -> tuple[Path, ...]:
+    """Return the log files of a folder by name; a file beside its compressed self counts once."""
+    found: dict[str, Path] = {}
+    for file in sorted(folder.iterdir()):
+        name = file.name
+        plain = name.rpartition(".")[0] if name.lower().endswith(_COMPRESSED) else name
+        if plain.lower().endswith(_LOG_SUFFIXES) and file.is_file():
+            found.setdefault(plain, file)
+    return tuple(found.values())
+
+
+def _stated_files(folder: Path) -> set[str]:
+    """Return the names of the files that metadata.yaml lists; none if it cannot be read."""
+    import yaml
+
+    try:
+        text = (folder / "metadata.yaml").read_text(errors="replace")
+        files = yaml.safe_load(text)["rosbag2_bagfile_information"]["relative_file_paths"]
+        return {Path(str(file)).name for file in files}
+    except (OSError, yaml.YAMLError, KeyError, TypeError):
+        # The files tell all that this one could: it is not needed to read them.
+        return set()
+
+
+def open_source(path: Path) -> MessageSource:
+    """Open one log file by its content.
+
+    Raises:
+        RecordingError: If it is no log or cannot be read; names the file.
+    """
+    try:
+        with path.open("rb") as file:
+            magic = file.read(16)
+    except OSError as error:
+        raise RecordingError(
+            f"cannot be read ({error.strerror})", where=path, remedy="Check its permissions"
+        ) from error
+    if not magic:
+        raise RecordingError("the file is empty", where=path, remedy="Copy or record it anew")
+    if magic.startswith(_ZSTD_MAGIC):
+        from percept.datasets.compressed_file import CompressedSource
+
+        return CompressedSource(path, open_source)
+    opener = _opener(magic)
+    if opener is None:
+        raise RecordingError(
+            f"not a log: it begins with {magic[:8]!r}", where=path, remedy=f"Give {_KINDS}"
+        )
+    return opener(path)
+
+
+def _opener(magic: bytes) -> Callable[[Path], MessageSource] | None:
+    if magic.startswith(b"#ROSBAG V"):
+        from percept.datasets.rosbag1 import open_rosbag1
+
+        return open_rosbag1
+    if magic.startswith(b"\x89MCAP0\r\n"):
+        from percept.datasets.mcap_log import open_mcap
+
+        return open_mcap
+    if magic == b"SQLite format 3\0":
+        from percept.datasets.sqlite3_log import Sqlite3Source
+
+        return Sqlite3Source
+    return None

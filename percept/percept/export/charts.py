@@ -1,0 +1,161 @@
+"""Charts for reports, as SVG text: crisp at any size, every name escaped.
+
+They share the dark card of the pictures from above and the colours of the classes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+
+from percept.core.errors import GeometryError
+from percept.export.palette import class_colour, hex_colour
+
+__all__ = ["histogram", "timeline"]
+
+_WIDTH = 720
+_LEFT, _RIGHT, _TOP = 58, 18, 46
+_PLOT = _WIDTH - _LEFT - _RIGHT
+_BARS_HEIGHT = 200
+_PANEL_HEIGHT = 96
+_PANEL_GAP = 34
+_LINES = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7")
+_STYLE = (
+    "text{font:12px system-ui,sans-serif;fill:#a0abb6}.title{font-size:15px;font-weight:600;"
+    "fill:#e4e8ec}.grid{stroke:#3a424a;stroke-width:1}.end{text-anchor:end}.mid{text-anchor:middle}"
+)
+
+
+def histogram(
+    title: str, x_label: str, bins: Sequence[str], counts: Mapping[str, Sequence[int]]
+) -> str:
+    """Draw counts by bin as bars, stacked by class.
+
+    Args:
+        title: What is shown.
+        x_label: What the bins are.
+        bins: Name of each bin.
+        counts: By class, the count in each bin.
+
+    Returns:
+        An SVG document.
+
+    Raises:
+        GeometryError: If a class has another number of counts than there are bins.
+    """
+    if any(len(row) != len(bins) for row in counts.values()):
+        raise GeometryError(f"'{title}' needs a count for each of its {len(bins)} bins")
+    sums = [sum(row[k] for row in counts.values()) for k in range(len(bins))]
+    ticks = _ticks(max(sums, default=0), whole=True)
+    legend = list(_legend(counts))
+    top = _TOP + (20 * (1 + (len(legend) - 1) // 6) if legend else 0)
+    bottom = top + _BARS_HEIGHT
+    body = [*legend, *_grid(ticks, top, _BARS_HEIGHT)]
+    step = _PLOT / max(len(bins), 1)
+    for k, name in enumerate(bins):
+        x, y = _LEFT + (k + 0.12) * step, float(bottom)
+        for label, row in counts.items():
+            height = _BARS_HEIGHT * row[k] / ticks[-1]
+            y -= height
+            if row[k]:
+                body.append(_bar(x, y, 0.76 * step, height, label, f"{label}, {name}: {row[k]}"))
+        body.append(_text(x + 0.38 * step, bottom + 18, name, "mid"))
+    body.append(_text(_LEFT + _PLOT / 2, bottom + 40, x_label, "mid"))
+    return _document(title, bottom + 54, body)
+
+
+def timeline(title: str, seconds: Sequence[float], series: Mapping[str, Sequence[float]]) -> str:
+    """Draw values over time, a panel for each series, from zero up.
+
+    Args:
+        title: What is shown.
+        seconds: Time of each value, ascending, s.
+        series: By name with its unit, the values; NaN leaves a gap.
+
+    Returns:
+        An SVG document.
+
+    Raises:
+        GeometryError: If a series has another length than the times.
+    """
+    if any(len(values) != len(seconds) for values in series.values()):
+        raise GeometryError(f"'{title}' needs a value for each of its {len(seconds)} times")
+    start = min(seconds, default=0.0)
+    ticks = _ticks(max(seconds, default=0.0) - start)
+    xs = [_LEFT + _PLOT * (t - start) / ticks[-1] for t in seconds]
+    body: list[str] = []
+    top = _TOP + 18
+    for row, (name, values) in enumerate(series.items()):
+        levels = _ticks(max((v for v in values if math.isfinite(v)), default=0.0), most=3)
+        body.append(_text(_LEFT, top - 8, name))
+        body += _grid(levels, top, _PANEL_HEIGHT)
+        ys = [top + _PANEL_HEIGHT * (1 - max(v, 0.0) / levels[-1]) for v in values]
+        body += _line(xs, ys, _LINES[row % len(_LINES)])
+        top += _PANEL_HEIGHT + _PANEL_GAP
+    bottom = top - _PANEL_GAP
+    body += [_text(_LEFT + _PLOT * t / ticks[-1], bottom + 18, f"{t:g} s", "mid") for t in ticks]
+    return _document(title, bottom + 32, body)
+
+
+def _ticks(highest: float, *, most: int = 5, whole: bool = False) -> list[float]:
+    """Return round numbers from 0 to at least the highest value, which may be 0."""
+    rough = (highest if highest > 0 else 1.0) / most
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(f * power for f in (1, 2, 2.5, 5, 10) if f * power >= rough * (1 - 1e-9))
+    step = math.ceil(step) if whole else step
+    count = max(1, math.ceil(highest / step - 1e-9))
+    return [round(k * step, 10) for k in range(count + 1)]
+
+
+def _legend(labels: Mapping[str, object]) -> Iterator[str]:
+    for k, label in enumerate(labels):
+        x, y = _LEFT + (k % 6) * _PLOT / 6, _TOP + 20 * (k // 6)
+        name = label if len(label) <= 13 else f"{label[:12]}\u2026"
+        yield _bar(x, y - 10, 11, 11, label, label) + _text(x + 17, y, name)
+
+
+def _grid(ticks: Sequence[float], top: float, height: float) -> Iterator[str]:
+    for tick in ticks:
+        y = top + height * (1 - tick / ticks[-1])
+        yield f'<path class="grid" d="M{_LEFT} {y:.1f}h{_PLOT}"/>'
+        yield _text(_LEFT - 8, y + 4, f"{tick:,g}", "end")
+
+
+def _line(xs: Sequence[float], ys: Sequence[float], colour: str) -> Iterator[str]:
+    """Draw the runs of finite values as lines, and lone values as dots."""
+    run: list[str] = []
+    for x, y in [*zip(xs, ys, strict=True), (0.0, math.nan)]:
+        if math.isfinite(y):
+            run.append(f"{x:.1f} {y:.1f}")
+        elif run:
+            path = "M" + "L".join(run if len(run) > 1 else run * 2)
+            yield (
+                f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.8" '
+                'stroke-linejoin="round" stroke-linecap="round"/>'
+            )
+            run = []
+
+
+def _bar(x: float, y: float, width: float, height: float, label: str, title: str) -> str:
+    fill = hex_colour(class_colour(label))
+    return (
+        f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" fill="{fill}">'
+        f"<title>{escape(title)}</title></rect>"
+    )
+
+
+def _text(x: float, y: float, text: str, kind: str = "") -> str:
+    mark = f' class="{kind}"' if kind else ""
+    return f'<text x="{x:.1f}" y="{y:.1f}"{mark}>{escape(text)}</text>'
+
+
+def _document(title: str, height: float, body: Sequence[str]) -> str:
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height:.0f}" '
+        f'width="{_WIDTH}" height="{height:.0f}" role="img" aria-label="{escape(title)}">'
+        f'<style>{_STYLE}</style><rect width="100%" height="100%" rx="8" fill="#14181c"/>'
+        + _text(_LEFT, 28, title, "title")
+        + "".join(body)
+        + "</svg>\n"
+    )

@@ -1,0 +1,110 @@
+"""Boxes as messages that Foxglove, rviz and other ROS 2 tools open: `overlay.mcap`.
+
+Every scan gives a `vision_msgs/msg/Detection3DArray` on `/percept/<sensor>/detections_3d` and a
+`visualization_msgs/msg/MarkerArray` on `/percept/<sensor>/markers`, with the frame and the stamp
+of the scan and at its place in recording time, so that the file lies over the log that it
+belongs to. The messages are those of ROS 2 Humble and later, vision_msgs 4.1; the file holds
+their definitions with all that they depend on.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from mcap.writer import CompressionType, Writer
+
+from percept.core.results import Detections3D
+from percept.export.overlay_messages import (
+    DETECTION_3D_ARRAY,
+    MARKER_ARRAY,
+    OverlayMessages,
+    detection_3d_array,
+    marker_array,
+)
+
+__all__ = ["OverlayWriter"]
+
+
+class OverlayWriter:
+    """Writes `overlay.mcap` scan by scan; the same scans give the same bytes.
+
+    A context manager. The file gets its name when it is whole; leaving with an error deletes it.
+
+    Args:
+        path: The file to write; an older one is replaced.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._unfinished = path.with_name(f".{path.name}.unfinished")
+        self._file: IO[bytes] = self._unfinished.open("wb")
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="percept")
+        self._messages = OverlayMessages()
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._written: dict[int, int] = {}
+
+    def add(self, detections: Detections3D, log_time_ns: int) -> None:
+        """Write the boxes of one scan.
+
+        Args:
+            detections: The boxes, in the frame that they name.
+            log_time_ns: Time at which the scan was recorded.
+        """
+        base = f"/percept/{_topic_name(detections.sensor)}"
+        array = detection_3d_array(detections)
+        markers = marker_array(detections)
+        for topic, msgtype, message in (
+            (f"{base}/detections_3d", DETECTION_3D_ARRAY, array),
+            (f"{base}/markers", MARKER_ARRAY, markers),
+        ):
+            channel = self._channel(topic, msgtype)
+            self._writer.add_message(
+                channel_id=channel,
+                log_time=log_time_ns,
+                publish_time=detections.stamp_ns,
+                sequence=self._written[channel],
+                data=self._messages.serialize(message, msgtype),
+            )
+            self._written[channel] += 1
+
+    def close(self) -> None:
+        """Finish the file and give it its name."""
+        self._writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it so
+        self._file.close()
+        self._unfinished.replace(self._path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None and not self._file.closed:
+            self.close()
+        self._file.close()
+        self._unfinished.unlink(missing_ok=True)
+
+    def _channel(self, topic: str, msgtype: str) -> int:
+        if topic not in self._channels:
+            if msgtype not in self._schemas:
+                self._schemas[msgtype] = self._writer.register_schema(
+                    msgtype, "ros2msg", self._messages.definition(msgtype).encode()
+                )
+            channel = self._writer.register_channel(topic, "cdr", self._schemas[msgtype])
+            self._channels[topic] = channel
+            self._written[channel] = 0
+        return self._channels[topic]
+
+
+def _topic_name(sensor: str) -> str:
+    """Return a sensor's name as ROS takes it in topics."""
+    name = re.sub(r"[^A-Za-z0-9_]+", "_", sensor).strip("_")
+    return name or "sensor"

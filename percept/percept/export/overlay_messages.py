@@ -1,0 +1,186 @@
+"""The ROS 2 messages of the overlay, built by their definitions and serialized as CDR."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import FieldDesc
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from percept.core.clock import NS_PER_S
+from percept.core.results import Detections3D
+from percept.export.palette import class_colour
+
+__all__ = [
+    "DETECTION_3D_ARRAY",
+    "MARKER_ARRAY",
+    "OverlayMessages",
+    "detection_3d_array",
+    "marker_array",
+]
+
+Values = Mapping[str, object]
+"""Fields of a message; those that are missing are zero, empty or false."""
+
+
+DETECTION_3D_ARRAY = "vision_msgs/msg/Detection3DArray"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+_VISION_MSGS = {
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n"
+    ),
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size\n",
+    "vision_msgs/msg/Detection3D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
+        "vision_msgs/BoundingBox3D bbox\nstring id\n"
+    ),
+    DETECTION_3D_ARRAY: "std_msgs/Header header\nvision_msgs/Detection3D[] detections\n",
+}
+_CUBE, _TEXT = 1, 9
+_ADD, _DELETE_ALL = 0, 3
+_TEXT_HEIGHT_M = 0.6
+_PLAIN = (float, int, str)
+_ZEROS = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
+
+
+class OverlayMessages:
+    """Serializes messages that are given as plain values; holds their definitions."""
+
+    def __init__(self) -> None:
+        self._store = get_typestore(Stores.ROS2_HUMBLE)
+        for name, definition in _VISION_MSGS.items():
+            self._store.register(get_types_from_msg(definition, name))
+        self._layouts: dict[str, tuple[dict[str, FieldDesc], dict[str, Any]]] = {}
+
+    def definition(self, msgtype: str) -> str:
+        """Return a definition with all that it depends on, as mcap's `ros2msg` wants it."""
+        text, _ = self._store.generate_msgdef(msgtype, ros_version=2)
+        return text
+
+    def serialize(self, values: Values, msgtype: str) -> bytes:
+        """Return a message as CDR.
+
+        Args:
+            values: Its fields.
+            msgtype: Name of its type.
+        """
+        return bytes(self._store.serialize_cdr(self._message(msgtype, values), msgtype))
+
+    def _message(self, msgtype: str, values: Values) -> object:
+        fields, zeros = self._fields(msgtype)
+        given = {
+            name: value if isinstance(value, _PLAIN) else self._value(fields[name], value)
+            for name, value in values.items()
+        }
+        return self._store.types[msgtype](**(zeros | given))
+
+    def _fields(self, msgtype: str) -> tuple[dict[str, FieldDesc], dict[str, Any]]:
+        """Return what the fields of a type are, and their values where none is given."""
+        if msgtype not in self._layouts:
+            fields = dict(self._store.get_msgdef(msgtype).fields)
+            zeros: dict[str, Any] = {name: self._zero(desc) for name, desc in fields.items()}
+            self._layouts[msgtype] = fields, zeros
+        return self._layouts[msgtype]
+
+    def _value(self, desc: FieldDesc, given: Any) -> object:  # noqa: ANN401 - by the definition
+        match desc:
+            case (Nodetype.NAME, str(name)):
+                return self._message(name, given)
+            case (Nodetype.SEQUENCE, (inner, _)):
+                return [self._value(inner, item) for item in given]
+        raise TypeError(f"{given!r} cannot be a {desc}")
+
+    def _zero(self, desc: FieldDesc) -> object:
+        match desc:
+            case (Nodetype.BASE, (str(name), _)):
+                return _ZEROS.get(name, 0)
+            case (Nodetype.NAME, str(name)):
+                return self._message(name, {})
+            case (_, ((Nodetype.BASE, (str(name), _)), int(count))):
+                return np.zeros(count, dtype=name)
+            case _:
+                return []
+
+
+def detection_3d_array(detections: Detections3D) -> Values:
+    """Return a `vision_msgs/msg/Detection3DArray` with one hypothesis a box."""
+    header = _header(detections)
+    found = [
+        {
+            "header": header,
+            "results": [
+                {"hypothesis": {"class_id": label, "score": score}, "pose": {"pose": pose}}
+            ],
+            "bbox": {"center": pose, "size": size},
+        }
+        for label, score, pose, size in _boxes(detections)
+    ]
+    return {"header": header, "detections": found}
+
+
+def marker_array(detections: Detections3D) -> Values:
+    """Return a `visualization_msgs/msg/MarkerArray` with a cube and a text for each box.
+
+    Its first marker wipes those of the scan before.
+    """
+    header = _header(detections)
+    markers: list[Values] = [{"header": header, "action": _DELETE_ALL}]
+    for number, (label, score, pose, size) in enumerate(_boxes(detections)):
+        shared = {"header": header, "id": number, "action": _ADD}
+        place, turn = pose["position"], pose["orientation"]
+        above = {**place, "z": place["z"] + size["z"] / 2 + _TEXT_HEIGHT_M / 2}
+        markers += [
+            {
+                **shared,
+                "ns": "boxes",
+                "type": _CUBE,
+                "pose": pose,
+                "scale": size,
+                "color": _colour(label, 0.5),
+            },
+            {
+                **shared,
+                "ns": "labels",
+                "type": _TEXT,
+                "pose": {"position": above, "orientation": turn},
+                "scale": {"z": _TEXT_HEIGHT_M},
+                "color": _colour(label, 1.0),
+                "text": f"{label} {score:.2f}",
+            },
+        ]
+    return {"markers": markers}
+
+
+def _boxes(
+    detections: Detections3D,
+) -> Iterator[tuple[str, float, dict[str, dict[str, float]], dict[str, float]]]:
+    """Yield label, confidence, pose and size of each box."""
+    for label, score, box in zip(
+        detections.labels, detections.confidences.tolist(), detections.boxes_m, strict=True
+    ):
+        x, y, z, length, width, height, yaw_rad = box.tolist()
+        pose = {
+            "position": {"x": x, "y": y, "z": z},
+            "orientation": {
+                "x": 0.0,
+                "y": 0.0,
+                "z": math.sin(yaw_rad / 2),
+                "w": math.cos(yaw_rad / 2),
+            },
+        }
+        yield label, score, pose, {"x": length, "y": width, "z": height}
+
+
+def _header(detections: Detections3D) -> Values:
+    sec, nanosec = divmod(detections.stamp_ns, NS_PER_S)
+    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": detections.frame_id}
+
+
+def _colour(label: str, alpha: float) -> Values:
+    red, green, blue = (value / 255 for value in class_colour(label))
+    return {"r": red, "g": green, "b": blue, "a": alpha}

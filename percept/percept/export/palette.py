@@ -1,0 +1,55 @@
+"""One colour a class, the same in pictures, charts and the 3D view.
+
+The hues are those of Okabe and Ito (2008, "Color Universal Design") and of Tol's muted scheme
+(2021, SRON/EPS/TN/09-002), both made to be told apart with the common colour deficiencies and
+bright enough for a dark background.
+"""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["class_colour", "cluster_colours", "hex_colour"]
+
+_UNKNOWN = (187, 187, 187)
+_CLASSES = {
+    "car": (86, 180, 233),
+    "truck": (0, 114, 178),
+    "cyclist": (204, 121, 167),
+    "pedestrian": (213, 94, 0),
+    "deer": (0, 158, 115),
+    "barrel": (230, 159, 0),
+    "barricade": (240, 228, 66),
+    "sign": (170, 68, 153),
+    "cone": (204, 102, 119),
+    "unknown": _UNKNOWN,
+}
+_HUES = np.array([rgb for rgb in _CLASSES.values() if rgb != _UNKNOWN], dtype=np.uint8)
+_NO_CLUSTER = np.array((110, 110, 110), dtype=np.uint8)
+
+
+def class_colour(label: str) -> tuple[int, int, int]:
+    """Return the red, green and blue (0..255) of a class.
+
+    A label outside the built-in classes gets one of the same hues, always the same one.
+    """
+    if label in _CLASSES:
+        return _CLASSES[label]
+    red, green, blue = _HUES[zlib.crc32(label.encode()) % len(_HUES)]
+    return int(red), int(green), int(blue)
+
+
+def cluster_colours(cluster_ids: NDArray[np.integer]) -> NDArray[np.uint8]:
+    """Return the colours (N, 3) uint8 RGB of clusters (N,); -1, which is none, is grey."""
+    ids = np.asarray(cluster_ids)
+    # Neighbouring clusters often have neighbouring numbers: a stride keeps their hues apart.
+    hues: NDArray[np.uint8] = _HUES[(ids * 4) % len(_HUES)]
+    return np.where((ids < 0)[:, None], _NO_CLUSTER, hues)
+
+
+def hex_colour(rgb: tuple[int, int, int]) -> str:
+    """Return a colour as CSS and SVG write it, such as `#56b4e9`."""
+    return "#{:02x}{:02x}{:02x}".format(*rgb)

@@ -1,0 +1,226 @@
+"""Scans seen from above, drawn for reports: numpy and OpenCV only."""
+
+from __future__ import annotations
+
+import base64
+from collections import Counter
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.core.errors import GeometryError
+from percept.export.palette import class_colour, cluster_colours
+
+__all__ = ["birds_eye", "png_data_uri"]
+
+Image = NDArray[np.uint8]
+Rgb = tuple[int, int, int]
+
+_BACKGROUND: Rgb = (20, 24, 28)
+_RING: Rgb = (58, 66, 74)
+_GROUND: Rgb = (74, 82, 90)
+_TEXT: Rgb = (228, 232, 236)
+_QUIET: Rgb = (160, 171, 182)
+_EXTENTS_M = (20.0, 30.0, 40.0, 60.0, 80.0)
+_LABELS = 25
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_FONT_SCALE = 0.42
+_SHIFT = 4  # OpenCV draws at 1/16 pixel with it
+
+
+def birds_eye(
+    points_xyz: NDArray[np.floating],
+    ground: NDArray[np.bool_],
+    cluster_ids: NDArray[np.integer],
+    boxes_m: NDArray[np.floating],
+    labels: Sequence[str],
+    *,
+    extent_m: float | None = None,
+    size_px: int = 900,
+) -> Image:
+    """Draw a scan from above, forward up and left on the left, the sensor in the middle.
+
+    Ground is dark grey, clusters have colours of their own, boxes the colours of their class
+    with a tick ahead. Names stand beside the nearest boxes of a known class as far as there
+    is room, and a legend counts all boxes.
+
+    Args:
+        points_xyz: (N, 3) metres, x forward, y left.
+        ground: (N,) True where a point is ground.
+        cluster_ids: (N,) -1 for none.
+        boxes_m: (M, 7) centre x, y, z, length, width, height, yaw in rad.
+        labels: M class names.
+        extent_m: From the middle to the edge; None chooses one that shows most of the points.
+        size_px: Side of the picture.
+
+    Returns:
+        (size_px, size_px, 3) uint8 BGR.
+
+    Raises:
+        GeometryError: If the columns do not have one length, or the extent is not positive.
+    """
+    points = np.asarray(points_xyz)
+    boxes = np.asarray(boxes_m, dtype=np.float64).reshape(-1, 7)
+    if not len(points) == len(ground) == len(cluster_ids) or len(boxes) != len(labels):
+        raise GeometryError("points or boxes and what is known of them differ in number")
+    extent = _fitting_extent(points) if extent_m is None else extent_m
+    if not extent > 0:
+        raise GeometryError(f"a picture cannot reach {extent:g} m")
+    image = np.full((size_px, size_px, 3), _BACKGROUND[::-1], np.uint8)
+    view = _View(extent, size_px)
+    view.draw_rings(image)
+    view.draw_points(image, points, np.asarray(ground), np.asarray(cluster_ids))
+    view.draw_boxes(image, boxes, labels)
+    view.draw_ego(image)
+    taken = _draw_legend(image, labels)
+    view.draw_labels(image, boxes, labels, taken)
+    return image
+
+
+def png_data_uri(image: Image) -> str:
+    """Return a picture (H, W, 3) BGR or (H, W) uint8 as a PNG data URI for HTML.
+
+    Raises:
+        GeometryError: If it is no picture that PNG can hold.
+    """
+    shape = np.shape(image)
+    if image.dtype != np.uint8 or 0 in shape or shape[2:] not in ((), (3,)) or len(shape) < 2:
+        raise GeometryError(f"{image.dtype} {shape} is no picture")
+    _, png = cv2.imencode(".png", image)
+    return "data:image/png;base64," + base64.b64encode(png.tobytes()).decode("ascii")
+
+
+class _View:
+    """Where the metres of a picture from above are."""
+
+    def __init__(self, extent_m: float, size_px: int) -> None:
+        self.extent_m = extent_m
+        self.scale = size_px / (2 * extent_m)
+        self.middle = (size_px - 1) / 2
+
+    def pixels(self, points_xy: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return (N, 2) column and row of points (N, 2) in metres."""
+        xy = np.asarray(points_xy, dtype=np.float64)
+        pixels: NDArray[np.float64] = self.middle - self.scale * xy[:, ::-1]
+        return pixels
+
+    def draw_rings(self, image: Image) -> None:
+        step = 20 if self.extent_m > 45 else 10 if self.extent_m > 15 else 5
+        centre = _fixed(self.pixels(np.zeros((1, 2))))[0].tolist()
+        for metres in range(step, int(self.extent_m * 1.41) + 1, step):
+            radius = int(metres * self.scale * 2**_SHIFT)
+            cv2.circle(image, centre, radius, _RING[::-1], 1, cv2.LINE_AA, _SHIFT)
+            if metres < self.extent_m - 1:
+                column, row = self.pixels(np.array([[metres, 0.0]]))[0]
+                _write(image, f"{metres} m", (int(column) + 4, int(row) - 4), _QUIET)
+
+    def draw_points(
+        self,
+        image: Image,
+        points: NDArray[np.floating],
+        ground: NDArray[np.bool_],
+        cluster_ids: NDArray[np.integer],
+    ) -> None:
+        columns, rows = np.rint(self.pixels(points[:, :2])).T
+        inside = (np.minimum(columns, rows) >= 0) & (np.maximum(columns, rows) < len(image))
+        colours = np.where(ground[:, None], np.uint8(_GROUND), cluster_colours(cluster_ids))
+        # Ground first, so that what stands on it is on top.
+        for chosen in (inside & ground, inside & ~ground):
+            at = rows[chosen].astype(np.intp), columns[chosen].astype(np.intp)
+            image[at] = colours[chosen][:, ::-1]
+
+    def draw_boxes(self, image: Image, boxes: NDArray[np.float64], labels: Sequence[str]) -> None:
+        for box, label in zip(boxes, labels, strict=True):
+            colour = class_colour(label)[::-1]
+            # The tick goes out and back, since both are drawn as closed lines.
+            outlines = [_fixed(self.pixels(part)) for part in _outline(box)]
+            cv2.polylines(
+                image, outlines, isClosed=True, color=colour, thickness=2,
+                lineType=cv2.LINE_AA, shift=_SHIFT,
+            )  # fmt: skip
+
+    def draw_ego(self, image: Image) -> None:
+        arrow = np.array([[2.2, 0.0], [-1.4, 1.2], [-0.7, 0.0], [-1.4, -1.2]])
+        size = max(1.0, self.extent_m / 45)
+        cv2.fillPoly(image, [_fixed(self.pixels(arrow * size))], _TEXT[::-1], cv2.LINE_AA, _SHIFT)
+
+    def draw_labels(
+        self,
+        image: Image,
+        boxes: NDArray[np.float64],
+        labels: Sequence[str],
+        taken: list[NDArray[np.float64]],
+    ) -> None:
+        """Write names beside boxes, nearest first, and leave out those that have no room."""
+        nearest = np.argsort(np.hypot(boxes[:, 0], boxes[:, 1]), kind="stable")
+        named = [row for row in nearest if labels[row] != "unknown"][:_LABELS]
+        for row in named:
+            text = _ascii(labels[row])
+            (width, height), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
+            outline = self.pixels(_outline(boxes[row])[0])
+            left, top = outline.min(axis=0)
+            right, bottom = outline.max(axis=0)
+            for x, y in (
+                (right + 5, (top + bottom + height) / 2),
+                (left - 5 - width, (top + bottom + height) / 2),
+                ((left + right - width) / 2, top - 5),
+                ((left + right - width) / 2, bottom + 5 + height),
+            ):
+                place = np.array([x - 2, y - height - 2, x + width + 2, y + 4])
+                if _free(place, taken, len(image)):
+                    taken.append(place)
+                    _write(image, text, (int(x), int(y)), class_colour(labels[row]))
+                    break
+
+
+def _outline(box: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a box's corners (4, 2) and its heading tick (2, 2) from above, metres."""
+    x, y, _, length, width, _, yaw = box
+    ahead = np.array([np.cos(yaw), np.sin(yaw)])
+    left = np.array([-ahead[1], ahead[0]])
+    signs = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) / 2
+    corners = [x, y] + signs[:, :1] * length * ahead + signs[:, 1:] * width * left
+    front = np.array([x, y]) + length / 2 * ahead
+    return corners, np.array([front, front + max(0.6, length / 4) * ahead])
+
+
+def _fitting_extent(points: NDArray[np.floating]) -> float:
+    """Return the smallest usual extent that shows 95 % of the points, or the largest."""
+    if not len(points):
+        return _EXTENTS_M[0]
+    reach = float(np.quantile(np.abs(points[:, :2]).max(axis=1), 0.95))
+    return next((extent for extent in _EXTENTS_M if extent >= reach), _EXTENTS_M[-1])
+
+
+def _draw_legend(image: Image, labels: Sequence[str]) -> list[NDArray[np.float64]]:
+    """Write how many boxes of each class there are; return the place that it takes."""
+    counts = sorted(Counter(labels).items(), key=lambda pair: (-pair[1], pair[0]))
+    for row, (label, count) in enumerate(counts):
+        y = 16 + 20 * row
+        cv2.rectangle(image, (12, y), (23, y + 11), class_colour(label)[::-1], -1)
+        _write(image, f"{count} {_ascii(label)}", (31, y + 10), _TEXT)
+    return [np.array([0.0, 0.0, 150.0, 20.0 + 20.0 * len(counts)])]
+
+
+def _write(image: Image, text: str, at: tuple[int, int], colour: Rgb) -> None:
+    """Write a text with a dark rim, so that it can be read on points."""
+    cv2.putText(image, text, at, _FONT, _FONT_SCALE, _BACKGROUND[::-1], 4, cv2.LINE_AA)
+    cv2.putText(image, text, at, _FONT, _FONT_SCALE, colour[::-1], 1, cv2.LINE_AA)
+
+
+def _free(place: NDArray[np.float64], taken: list[NDArray[np.float64]], size_px: int) -> bool:
+    inside = bool((place >= 0).all() and (place < size_px).all())
+    return inside and not any(
+        (place[:2] < t[2:]).all() and (t[:2] < place[2:]).all() for t in taken
+    )
+
+
+def _fixed(pixels: NDArray[np.float64]) -> NDArray[np.int32]:
+    return np.rint(pixels * 2**_SHIFT).astype(np.int32)
+
+
+def _ascii(text: str) -> str:
+    """Return a text in the letters that OpenCV can draw."""
+    return text.encode("ascii", "replace").decode("ascii")

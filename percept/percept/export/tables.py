@@ -1,0 +1,114 @@
+"""Result tables: their schemas, and Parquet files whose bytes depend on the rows alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from percept.core.results import Detections3D
+
+__all__ = ["DETECTIONS_3D", "detections_3d_table", "write_parquet"]
+
+_ROWS_PER_GROUP = 65_536
+_BOX_COLUMNS = ("x", "y", "z", "length", "width", "height", "yaw_rad")
+
+DETECTIONS_3D = pa.schema(
+    [
+        ("frame", pa.int64()),
+        ("stamp_ns", pa.int64()),
+        ("sensor", pa.string()),
+        ("frame_id", pa.string()),
+        *((name, pa.float64()) for name in _BOX_COLUMNS),
+        ("label", pa.string()),
+        ("confidence", pa.float64()),
+        ("mean_intensity", pa.float64()),
+        ("points", pa.int64()),
+    ]
+)
+"""Columns of `detections_3d.parquet`: metres and rad in the frame `frame_id`, one row a box."""
+
+
+def detections_3d_table(frame: int, detections: Detections3D) -> pa.Table:
+    """Return the boxes of one scan as rows of `detections_3d.parquet`.
+
+    Args:
+        frame: Number of the scan in the run, from 0.
+        detections: N boxes.
+
+    Returns:
+        N rows with the schema `DETECTIONS_3D`.
+    """
+    rows = len(detections)
+    columns = [
+        np.full(rows, frame, dtype=np.int64),
+        np.full(rows, detections.stamp_ns, dtype=np.int64),
+        [detections.sensor] * rows,
+        [detections.frame_id] * rows,
+        *detections.boxes_m.T,
+        list(detections.labels),
+        detections.confidences,
+        detections.mean_intensity,
+        detections.points,
+    ]
+    arrays = [
+        pa.array(column, type=field.type)
+        for column, field in zip(columns, DETECTIONS_3D, strict=True)
+    ]
+    return pa.Table.from_arrays(arrays, schema=DETECTIONS_3D)
+
+
+def write_parquet(
+    path: Path, schema: pa.Schema, batches: Iterable[pa.Table | pa.RecordBatch]
+) -> int:
+    """Write a Parquet file row group by row group, and give it its name when it is whole.
+
+    Row groups have a fixed number of rows, so that the same rows give the same bytes however
+    they were batched. Memory holds one row group.
+
+    Args:
+        path: Where the file goes; an older file there is replaced.
+        schema: Columns of all batches.
+        batches: Rows in their final order.
+
+    Returns:
+        The number of rows.
+    """
+    unfinished = path.with_name(f".{path.name}.unfinished")
+    rows = 0
+    try:
+        with pq.ParquetWriter(
+            unfinished, schema, compression="zstd", compression_level=3, store_schema=False
+        ) as writer:
+            for group in _row_groups(schema, batches):
+                writer.write_table(group, row_group_size=_ROWS_PER_GROUP)
+                rows += group.num_rows
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return rows
+
+
+def _row_groups(
+    schema: pa.Schema, batches: Iterable[pa.Table | pa.RecordBatch]
+) -> Iterator[pa.Table]:
+    """Cut a stream of batches into contiguous tables of `_ROWS_PER_GROUP` rows; the last is less.
+
+    Pages end where the chunks of a column end, so chunks are joined before they are written.
+    """
+    pending: list[pa.Table] = []
+    rows = 0
+    for batch in batches:
+        table = pa.Table.from_batches([batch]) if isinstance(batch, pa.RecordBatch) else batch
+        pending.append(table.select(schema.names).cast(schema))
+        rows += table.num_rows
+        while rows >= _ROWS_PER_GROUP:
+            joined = pa.concat_tables(pending)
+            yield joined.slice(0, _ROWS_PER_GROUP).combine_chunks()
+            pending = [joined.slice(_ROWS_PER_GROUP)]
+            rows -= _ROWS_PER_GROUP
+    if rows:
+        yield pa.concat_tables(pending).combine_chunks()

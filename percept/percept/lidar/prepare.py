@@ -1,0 +1,137 @@
+"""What a detector learns from the first clouds of a sensor: mounting, intensity, density."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.core.errors import GeometryError, InsufficientDataError
+from percept.core.samples import PointCloud
+from percept.core.transform import Transform
+from percept.lidar.classify import load_rules
+from percept.lidar.density import estimate_density
+from percept.lidar.ground import segment_ground
+from percept.lidar.intensity import IntensityScale, estimate_intensity_scale
+from percept.lidar.mounting import Mounting, check_sensor_height, estimate_mounting
+from percept.lidar.pipeline import LidarConfig, LidarDetector
+
+__all__ = ["prepare_detector"]
+
+
+def prepare_detector(
+    clouds: Sequence[PointCloud],
+    config: LidarConfig | None = None,
+    *,
+    sensor: str = "",
+    T_base_sensor: Transform | None = None,
+) -> LidarDetector:
+    """Make the detector of one sensor from its first few clouds.
+
+    Args:
+        clouds: About five clouds of one sensor, all in one frame; empty ones are passed over.
+        config: Settings; defaults where it is None.
+        sensor: Name that the detections carry; the clouds' topic where it is empty.
+        T_base_sensor: From the rig, where it is known: its rotation levels the points, so that
+            a start on a hill does not count as tilt. Without it the ground plane levels them.
+
+    Returns:
+        A detector for all clouds of that frame.
+
+    Raises:
+        InsufficientDataError: If no cloud has a point.
+        GeometryError: If there is no ground to be found and `sensor_height_m` is not set, if a
+            height cannot be right, or the clouds are in several frames.
+    """
+    config = config or LidarConfig()
+    filled = [cloud for cloud in clouds if len(cloud)]
+    if not filled:
+        raise InsufficientDataError(
+            f"none of the first {len(clouds)} clouds has a finite point",
+            where=sensor or (clouds[0].topic if clouds else None),
+            remedy="Choose another topic, or a later start with --start",
+        )
+    detector = LidarDetector(
+        config,
+        _mounting(filled, config, T_base_sensor),
+        load_rules(config.rules),
+        sensor=sensor or filled[0].topic,
+    )
+    return replace(
+        detector,
+        intensity_scale=_intensity_scale(filled, detector),
+        density=estimate_density([detector.levelled(cloud) for cloud in filled]),
+    )
+
+
+def _mounting(
+    clouds: Sequence[PointCloud], config: LidarConfig, T_base_sensor: Transform | None
+) -> Mounting:
+    frame = clouds[0].frame
+    height_m = config.sensor_height_m
+    if height_m is not None:
+        check_sensor_height(height_m, where="sensor_height_m")
+    if not config.level:
+        fixed = np.eye(3)
+    elif T_base_sensor is not None:
+        fixed = T_base_sensor.rotation
+    else:
+        return _found(clouds, frame, height_m)
+    if height_m is None:
+        turned = [np.asarray(c.points_xyz @ fixed.T, np.float32) for c in clouds]
+        found = estimate_mounting(turned, frame)
+        return replace(found, T_level_sensor=_rotation(frame, fixed))
+    return _given(frame, fixed, height_m)
+
+
+def _found(clouds: Sequence[PointCloud], frame: str, height_m: float | None) -> Mounting:
+    """Return the mounting by the ground plane; a height that was given wins over it."""
+    try:
+        found = estimate_mounting([cloud.points_xyz for cloud in clouds], frame)
+    except GeometryError:
+        if height_m is None:
+            raise
+        # The user was told to give the height where no plane is found: then the sensor is
+        # taken to stand upright, and `clouds_used` says 0.
+        return _given(frame, np.eye(3), height_m)
+    return found if height_m is None else replace(found, height_m=height_m)
+
+
+def _given(frame: str, rotation: NDArray[np.float64], height_m: float) -> Mounting:
+    cosine = float(rotation[2, 2])
+    return Mounting(
+        height_m=height_m,
+        T_level_sensor=_rotation(frame, rotation),
+        tilt_deg=float(np.rad2deg(np.arccos(min(abs(cosine), 1.0)))),
+        upside_down=cosine < 0,
+        inlier_share=float("nan"),
+        sd_height_m=float("nan"),
+        clouds_used=0,
+    )
+
+
+def _rotation(frame: str, rotation: NDArray[np.float64]) -> Transform:
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    return Transform("level", frame, matrix)
+
+
+def _intensity_scale(
+    clouds: Sequence[PointCloud], detector: LidarDetector
+) -> IntensityScale | None:
+    raw: list[NDArray[np.float32]] = []
+    range_m: list[NDArray[np.float32]] = []
+    for cloud in clouds:
+        if cloud.intensity is None:
+            continue
+        points = detector.levelled(cloud)
+        standing = ~segment_ground(points, detector.ground_config)
+        raw.append(cloud.intensity[standing])
+        range_m.append(np.linalg.norm(points[standing], axis=1))
+    if not raw:
+        return None
+    return estimate_intensity_scale(
+        np.concatenate(raw), np.concatenate(range_m), detector.config.intensity
+    )
