@@ -18,6 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,7 @@ n_threads = 1
 """
 
 Cloud = NDArray[np.float32]
+Scans = dict[str, tuple[Cloud, float]]  # a level scan and its height over the ground
 
 
 @dataclass(frozen=True)
@@ -89,8 +91,8 @@ def main() -> None:
     print_machine()
     scans = read_scans(arguments.data)
     print_ground(scans, arguments.repeat)
-    print_clusters(scans, arguments.repeat)
-    print_whole_path(scans, arguments.repeat)
+    print_clusters(scans, min(arguments.repeat, 3))
+    print_whole_path(scans, min(arguments.repeat, 3))
     print_labelled(list(read_scenes(arguments.data)))
 
 
@@ -146,90 +148,96 @@ def silent() -> Iterator[None]:
         os.close(kept)
 
 
-def linefit_oracle(config: GroundConfig) -> Callable[[Cloud], NDArray[np.bool_]]:
+def linefit_engine(config: GroundConfig) -> Any:
     import linefit
 
     with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
         file.write(_LINEFIT_TOML.format(c=config))
         file.flush()
-        engine = linefit.ground_seg(file.name)
-    return lambda points: engine.run(points).astype(bool)
+        return linefit.ground_seg(file.name)
 
 
-def print_ground(scans: dict[str, tuple[Cloud, float]], repeat: int) -> None:
+def patchwork_engine(height_m: float) -> Any:
     import pypatchworkpp
 
-    print("\nGround, equal parameters for linefit, one thread")
+    parameters = pypatchworkpp.Parameters()
+    parameters.sensor_height = height_m
+    parameters.verbose = False
+    return pypatchworkpp.patchworkpp(parameters)
+
+
+def open3d_cloud(points: NDArray[np.floating]) -> Any:
+    import open3d as o3d
+
+    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.astype(np.float64)))
+
+
+def print_ground(scans: Scans, repeat: int) -> None:
+    print("\nGround, one thread, the same parameters for linefit")
     different = total = 0
     for name, (points, height_m) in scans.items():
         config = GroundConfig(sensor_height_m=height_m)
-        oracle = linefit_oracle(config)
-        parameters = pypatchworkpp.Parameters()
-        parameters.sensor_height = height_m
-        parameters.verbose = False
-        patchwork = pypatchworkpp.patchworkpp(parameters)
-        calls = {
-            "percept": lambda p=points, c=config: segment_ground(p, c),
-            "linefit": lambda p=points, o=oracle: o(p),
-            "pypatchworkpp": lambda p=points, w=patchwork: w.estimateGround(p),
-        }
+        linefit = linefit_engine(config)
         with silent():
-            times = interleaved(calls, repeat)
-            different += int((oracle(points) != segment_ground(points, config)).sum())
+            times = interleaved(
+                {
+                    "percept": partial(segment_ground, points, config),
+                    "linefit": partial(linefit.run, points),
+                    "pypatchworkpp": partial(patchwork_engine(height_m).estimateGround, points),
+                },
+                repeat,
+            )
+            expected = linefit.run(points).astype(bool)
+        different += int((expected != segment_ground(points, config)).sum())
         total += len(points)
-        print_times(name, times)
+        print_times(f"{name} ({len(points)})", times)
     print(f"labels that differ from linefit: {different} of {total}")
 
 
-def print_clusters(scans: dict[str, tuple[Cloud, float]], repeat: int) -> None:
-    import open3d as o3d
+def print_clusters(scans: Scans, repeat: int) -> None:
     from sklearn.cluster import DBSCAN
     from sklearn.metrics import adjusted_rand_score
 
-    print("\nClusters of the points off the ground, 0.5 m, exact in all")
+    print("\nClusters of the points off the ground, single linkage at 0.5 m")
     for name, (points, height_m) in scans.items():
         objects = points[~segment_ground(points, GroundConfig(sensor_height_m=height_m))]
         config = ClusterConfig(tolerance_m=0.5)
-        wide = objects.astype(np.float64)
-        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(wide))
-        scanner = DBSCAN(eps=0.5, min_samples=1, algorithm="kd_tree")
+        dbscan = DBSCAN(eps=0.5, min_samples=1, algorithm="kd_tree")
         times = interleaved(
             {
-                "percept": lambda p=objects, c=config: cluster_points(p, c),
-                "open3d": lambda c=cloud: c.cluster_dbscan(0.5, 1),
-                "scikit-learn": lambda s=scanner, p=wide: s.fit(p),
+                "percept": partial(cluster_points, objects, config),
+                "open3d": partial(open3d_cloud(objects).cluster_dbscan, 0.5, 1),
+                "scikit-learn": partial(dbscan.fit, objects.astype(np.float64)),
             },
-            min(repeat, 3),
+            repeat,
         )
-        rand = adjusted_rand_score(scanner.labels_, cluster_points(objects, config))
+        rand = adjusted_rand_score(dbscan.labels_, cluster_points(objects, config))
         print_times(f"{name} ({len(objects)})", times)
         print(f"{'':<24}adjusted Rand index against scikit-learn {rand:.6f}")
 
 
-def print_whole_path(scans: dict[str, tuple[Cloud, float]], repeat: int) -> None:
-    import open3d as o3d
-    import pypatchworkpp
-
+def print_whole_path(scans: Scans, repeat: int) -> None:
     print("\nGround, clusters and boxes; the others: pypatchworkpp and Open3D DBSCAN, no boxes")
     for name, (points, height_m) in scans.items():
-        parameters = pypatchworkpp.Parameters()
-        parameters.sensor_height = height_m
-        parameters.verbose = False
-        patchwork = pypatchworkpp.patchworkpp(parameters)
-
-        def ours(points: Cloud = points, height_m: float = height_m) -> None:
-            objects = points[~segment_ground(points, GroundConfig(sensor_height_m=height_m))]
-            fit_boxes(objects, cluster_points(objects, ClusterConfig()), BoxConfig())
-
-        def theirs(points: Cloud = points, patchwork: Any = patchwork) -> None:
-            patchwork.estimateGround(points)
-            rest = points[patchwork.getNongroundIndices()].astype(np.float64)
-            cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(rest))
-            cloud.cluster_dbscan(0.5, 1)
-
         with silent():
-            times = interleaved({"percept": ours, "others": theirs}, min(repeat, 3))
+            times = interleaved(
+                {
+                    "percept": partial(ours, points, height_m),
+                    "others": partial(theirs, points, patchwork_engine(height_m)),
+                },
+                repeat,
+            )
         print_times(f"{name} ({len(points)})", times)
+
+
+def ours(points: Cloud, height_m: float) -> None:
+    objects = points[~segment_ground(points, GroundConfig(sensor_height_m=height_m))]
+    fit_boxes(objects, cluster_points(objects, ClusterConfig()), BoxConfig())
+
+
+def theirs(points: Cloud, patchwork: Any) -> None:
+    patchwork.estimateGround(points)
+    open3d_cloud(points[patchwork.getNongroundIndices()]).cluster_dbscan(0.5, 1)
 
 
 def print_labelled(scenes: list[Scene]) -> None:
@@ -252,8 +260,8 @@ def print_labelled(scenes: list[Scene]) -> None:
 # ---- data
 
 
-def read_scans(data: Path) -> dict[str, tuple[Cloud, float]]:
-    """Return one level scan of each kind, and its height over the ground."""
+def read_scans(data: Path) -> Scans:
+    """Return one scan of each kind."""
     paths = {
         "KITTI 00": data / "odometry/kitti00_velodyne/000000.bin",
         "KITTI object": data / "scenes/kitti_object/training/velodyne/000001.bin",
@@ -309,7 +317,9 @@ def read_scenes(data: Path) -> Iterator[Scene]:
     camera = np.array([e["bbox_3d"] for e in instances])
     boxes = boxes_from_camera(camera, np.array(entry["images"]["CAM2"]["lidar2cam"]))
     labels = [_KITTI_CLASSES[e["bbox_label_3d"]] for e in instances]
-    yield scene_of("KITTI 000008", read_cloud(data / "scenes/kitti_000008/000008.bin"), boxes, labels)
+    yield scene_of(
+        "KITTI 000008", read_cloud(data / "scenes/kitti_000008/000008.bin"), boxes, labels
+    )
     for path in sorted((data / "scenes/av2/7fab2350/converted").glob("*.bin")):
         marks = json.loads(path.with_suffix(".boxes.json").read_text())
         boxes = np.array([[*e["center"], *e["lwh"], e["yaw"]] for e in marks])
@@ -319,7 +329,10 @@ def read_scenes(data: Path) -> Iterator[Scene]:
     marks = json.loads((data / "scenes/sustechpoints/label/000965.json").read_text())
     boxes = np.array(
         [
-            [*(e["psr"][k][a] for k in ("position", "scale") for a in "xyz"), e["psr"]["rotation"]["z"]]
+            [
+                *(e["psr"][k][a] for k in ("position", "scale") for a in "xyz"),
+                e["psr"]["rotation"]["z"],
+            ]
             for e in marks
         ]
     )

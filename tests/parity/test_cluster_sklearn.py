@@ -14,7 +14,7 @@ from percept.lidar.ground import GroundConfig, segment_ground
 _cluster = pytest.importorskip("sklearn.cluster")
 _metrics = pytest.importorskip("sklearn.metrics")
 
-# Every tenth scan of each kind would do; these are all kinds, dense and sparse, near and far.
+# Scan and height of the sensor: all kinds, dense and sparse, level and tilted.
 _SCANS = {
     "odometry/kitti00_velodyne/000000.bin": 1.73,
     "scenes/kitti_object/training/velodyne/000001.bin": 1.73,

@@ -34,6 +34,7 @@ from percept.datasets.synthetic.drive import (
     DriveConfig,
     generate_drive,
 )
+from percept.datasets.synthetic.navigation import Navigation
 from percept.datasets.synthetic.shapes import DETECTABLE
 from percept.datasets.synthetic.truth import light_rows
 from percept.datasets.write import LogFormat
@@ -279,3 +280,33 @@ def test_a_drive_that_cannot_be_made_is_refused() -> None:
         Drive(DriveConfig(seconds=0.05))
     with pytest.raises(UsageError, match="no such camera 'cam_top'"):
         Drive(DriveConfig(cameras=("cam_top",)))
+
+
+def test_noisy_navigation_has_the_stated_spread() -> None:
+    drive = Drive(SMALL)
+    navigation = Navigation(drive.ego, MAP_ORIGIN, seed=7, noise=1.0)
+    exact = Navigation(drive.ego, MAP_ORIGIN, seed=7, noise=0.0)
+    duration_ns = 60_000_000_000
+
+    def heights(source: Navigation) -> list[float]:
+        return [s.altitude_m for s in source.gnss(duration_ns) if isinstance(s, GnssFix)]
+
+    def rates(source: Navigation) -> list[float]:
+        return [
+            float(s.angular_velocity_radps[2])
+            for s in source.imu(duration_ns)
+            if isinstance(s, ImuSample)
+        ]
+
+    error_m = np.subtract(heights(navigation), heights(exact))
+    assert error_m.std() == pytest.approx(0.03, rel=0.15)
+    assert abs(error_m.mean()) < 0.005
+    error_radps = np.subtract(rates(navigation), rates(exact))
+    assert error_radps.std() == pytest.approx(0.002, rel=0.1)
+    assert 0 < abs(error_radps.mean()) < 0.004
+    last = list(navigation.odometry(duration_ns))[-2]
+    truth = list(exact.odometry(duration_ns))[-2]
+    assert isinstance(last, OdometrySample)
+    assert isinstance(truth, OdometrySample)
+    drift_m = np.linalg.norm(last.T_frame_child.translation_m - truth.T_frame_child.translation_m)
+    assert 0.05 < drift_m < 0.03 * np.linalg.norm(truth.T_frame_child.translation_m)

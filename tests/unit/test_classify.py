@@ -69,8 +69,9 @@ def test_reflectance_lifts_retro_reflective_classes_only() -> None:
     values = [float(result.confidences[0]) for result in barrel]
     assert {result.labels[0] for result in barrel} == {"barrel"}
     assert values[0] == values[1] < values[2] < values[3]
-    car = [_classify((4.5, 1.8, 1.5, 0.2, 0.5, rho)).confidences[0] for rho in (nan, 0.1, 0.9)]
+    car = [_classify((4.5, 1.8, 1.5, 0.2, 0.5, rho)).confidences[0] for rho in (nan, 0.1, 0.5)]
     assert len(set(map(float, car))) == 1
+    assert _classify((4.5, 1.8, 1.5, 0.2, 0.5, 1.0)).labels == (UNKNOWN,)
     pole = (0.5, 0.1, 2.5, 0.2, 0.3)
     assert _classify((*pole, nan)).labels == (UNKNOWN,)
     assert _classify((*pole, 0.9)).labels == ("sign",)

@@ -26,7 +26,8 @@ def _by_brute_force(points: Cloud, config: ClusterConfig) -> NDArray[np.int32]:
     _, first = np.unique(labels, return_index=True)
     number = np.empty(len(first), np.int32)
     number[labels[np.sort(first)]] = np.arange(len(first))
-    return number[labels]
+    numbered: NDArray[np.int32] = number[labels]
+    return numbered
 
 
 def _random_cloud(seed: int, spread_m: float, count: int = 600) -> Cloud:
@@ -108,7 +109,8 @@ def test_far_coordinates_and_wide_heights_stay_exact() -> None:
 
 def test_no_points_and_one_point() -> None:
     empty = cluster_points(np.empty((0, 3), np.float32))
-    assert (empty.shape, empty.dtype) == ((0,), np.int32)
+    assert empty.shape == (0,)
+    assert empty.dtype == np.dtype(np.int32)
     assert cluster_points(np.ones((1, 3), np.float32)).tolist() == [0]
     assert cluster_points(np.ones((1, 4)), ClusterConfig(min_points=2)).tolist() == [-1]
 

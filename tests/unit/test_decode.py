@@ -30,7 +30,7 @@ from percept.datasets.typestores import standard_types
 
 STAMP_NS = 1_700_000_000_123_456_789
 LOG_TIME_NS = STAMP_NS + 5_000_000
-HEAD = {"stamp_ns": STAMP_NS, "log_time_ns": LOG_TIME_NS, "frame": "lidar"}
+HEAD: dict[str, Any] = {"stamp_ns": STAMP_NS, "log_time_ns": LOG_TIME_NS, "frame": "lidar"}
 IMU = ImuSample(
     topic="/imu",
     angular_velocity_radps=np.array([1.0, 2, 3]),
@@ -126,7 +126,11 @@ def test_one_type_with_two_definitions_in_one_log() -> None:
     new = serialized(custom("float64 a\nstring b\n", "/new"), a=0.5, b="x")
     decoder = Decoder([old.connection, new.connection])
     samples = [decoder.decode(raw)[0] for raw in (old, new, old)]
-    assert [sample.message.a for sample in samples if isinstance(sample, OtherSample)] == [7, 0.5, 7]
+    assert [sample.message.a for sample in samples if isinstance(sample, OtherSample)] == [
+        7,
+        0.5,
+        7,
+    ]
 
 
 def test_a_bad_definition_spoils_only_its_own_topic() -> None:
@@ -136,6 +140,8 @@ def test_a_bad_definition_spoils_only_its_own_topic() -> None:
         custom("other_msgs/Unknown x\n", "/missing"),
         custom("my/Thing[2] again\n", "/recursive"),
         custom("string[4000000000] names\n", "/long"),
+        Connection("/service_event", "my/srv/Add_Event", "cdr", "int64 a\n---\nint64 b", "msg"),
+        custom("Nothing[] many\n" + "=" * 80 + "\nMSG: my/Nothing\n", "/nothing"),
         Connection("/json", "my/msg/Thing", "json"),
         Connection("/unknown", "my/msg/Unknown", "cdr"),
     ]
@@ -150,6 +156,7 @@ def test_a_bad_definition_spoils_only_its_own_topic() -> None:
         with pytest.raises(DecodeError) as caught:
             decoder.decode(raw)
         assert caught.value.where == connection.topic
+        assert "\n" not in str(caught.value)
 
 
 def test_a_standard_name_with_other_fields_is_no_sample_of_that_kind() -> None:
@@ -204,6 +211,52 @@ def test_damaged_payloads_never_end_in_another_error(encoding: str, data: st.Dat
     assert all(isinstance(sample, Sample) for sample in samples)
 
 
+LIVOX = """std_msgs/Header header
+uint64 timebase
+uint32 point_num
+uint8 lidar_id
+uint8[3] rsvd
+CustomPoint[] points
+================================================================================
+MSG: livox_ros_driver2/CustomPoint
+uint32 offset_time
+float32 x
+float32 y
+float32 z
+uint8 reflectivity
+uint8 tag
+uint8 line
+"""
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_livox_clouds_by_the_definition_of_the_log(encoding: str) -> None:
+    msgtype = "livox_ros_driver2/msg/CustomMsg"
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg(LIVOX, msgtype))
+    point = store.types["livox_ros_driver2/msg/CustomPoint"]
+    message = store.types[msgtype](
+        header=MessageEncoder(encoding)._header(IMU),
+        timebase=STAMP_NS,
+        point_num=2,
+        lidar_id=0,
+        rsvd=np.zeros(3, np.uint8),
+        points=[
+            point(offset_time=n * 1000, x=1.0, y=2.0, z=n, reflectivity=9, tag=0, line=n)
+            for n in range(2)
+        ],
+    )
+    serialize = store.serialize_ros1 if encoding == "ros1" else store.serialize_cdr
+    connection = Connection("/livox", msgtype, encoding, LIVOX, "msg")
+    cloud = decode_one(RawMessage(connection, LOG_TIME_NS, bytes(serialize(message, msgtype))))
+    assert isinstance(cloud, PointCloud)
+    assert cloud.points_xyz.tolist() == [[1, 2, 0], [1, 2, 1]]
+    assert cloud.offset_ns is not None
+    assert cloud.ring is not None
+    assert (cloud.offset_ns.tolist(), cloud.ring.tolist()) == ([0, 1000], [0, 1])
+    assert (cloud.stamp_ns, cloud.frame) == (STAMP_NS, "lidar")
+
+
 def test_slashes_of_ros1_frames_are_stripped() -> None:
     slashed = TransformSample(
         topic="/tf_static",
@@ -218,7 +271,9 @@ def test_slashes_of_ros1_frames_are_stripped() -> None:
     assert (sample.T_frame_child.source, sample.static) == ("base_link", True)
 
 
-@pytest.mark.parametrize("quat", [(0.0, 0, 0, 0), (float("nan"), 0, 0, 1), (float("inf"), 0, 0, 0)])
+@pytest.mark.parametrize(
+    "quat", [(0.0, 0, 0, 0), (float("nan"), 0, 0, 1), (float("inf"), 0, 0, 0), (1e300,) * 4]
+)
 def test_a_pose_without_a_rotation_is_an_error(quat: tuple[float, ...]) -> None:
     pose = PoseSample(topic="/pose", T_frame_child=Transform.identity("map", ""), **HEAD)
     raw = raw_of(pose, "cdr")

@@ -28,12 +28,17 @@ def _plane_scan(slope_x: float = 0.0, slope_y: float = 0.0) -> Cloud:
         np.radians(np.arange(0.0, 360.0, 0.5)), np.radians(np.linspace(-25.0, -1.0, 48))
     )
     towards = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
     ).reshape(3, -1)
     closing = towards[2] - slope_x * towards[0] - slope_y * towards[1]
     with np.errstate(divide="ignore"):
         scan = (towards * np.where(closing < 0, -_HEIGHT_M / closing, np.inf)).T
-    return scan[np.hypot(scan[:, 0], scan[:, 1]) < 60.0].astype(np.float32)
+    near: Cloud = scan[np.hypot(scan[:, 0], scan[:, 1]) < 60.0].astype(np.float32)
+    return near
 
 
 def _pillar(x_m: float, y_m: float, ground_z: float) -> Cloud:

@@ -69,7 +69,7 @@ def make_message(
 @pytest.mark.parametrize("padding", [0, 6])
 @pytest.mark.parametrize("big_endian", [False, True])
 def test_plain_encodings(
-    encoding: str, sent: NDArray[Any], expected: NDArray[Any], padding: int, big_endian: bool
+    encoding: str, sent: NDArray[Any], expected: NDArray[Any], padding: int, *, big_endian: bool
 ) -> None:
     message = make_message(sent, encoding, padding=padding, big_endian=big_endian)
     pixels = pixels_of_image(message, "/camera")
@@ -100,25 +100,25 @@ def bgr_of_yuv(y: int, u: int, v: int) -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     ("encoding", "pair"),
     [
-        ("yuv422", (100, 60, 160, 60)),
-        ("uyvy", (100, 60, 160, 60)),
-        ("yuv422_yuy2", (60, 100, 60, 160)),
-        ("yuyv", (60, 100, 60, 160)),
+        ("yuv422", (100, 120, 160, 120)),
+        ("uyvy", (100, 120, 160, 120)),
+        ("yuv422_yuy2", (120, 100, 120, 160)),
+        ("yuyv", (120, 100, 120, 160)),
     ],
 )
 def test_packed_yuv(encoding: str, pair: tuple[int, ...]) -> None:
     sent = np.tile(np.array(pair, np.uint8).reshape(1, 2, 2), (6, 4, 1))
     pixels = pixels_of_image(make_message(sent, encoding, padding=4), "/camera")
     assert pixels.shape == (6, 8, 3)
-    np.testing.assert_allclose(pixels[3, 3], bgr_of_yuv(60, 100, 160), atol=2)
+    np.testing.assert_allclose(pixels[3, 3], bgr_of_yuv(120, 100, 160), atol=2)
 
 
 @pytest.mark.parametrize(("encoding", "chroma"), [("nv12", (100, 160)), ("nv21", (160, 100))])
 def test_planar_yuv(encoding: str, chroma: tuple[int, int]) -> None:
-    sent = np.vstack([np.full((6, 8), 60, np.uint8), np.tile(np.array(chroma, np.uint8), (3, 4))])
+    sent = np.vstack([np.full((6, 8), 120, np.uint8), np.tile(np.array(chroma, np.uint8), (3, 4))])
     pixels = pixels_of_image(make_message(sent, encoding, padding=8, height=6), "/camera")
     assert pixels.shape == (6, 8, 3)
-    np.testing.assert_allclose(pixels[3, 3], bgr_of_yuv(60, 100, 160), atol=2)
+    np.testing.assert_allclose(pixels[3, 3], bgr_of_yuv(120, 100, 160), atol=2)
 
 
 @pytest.mark.parametrize(
@@ -174,6 +174,13 @@ def test_an_encoder_that_was_given_rgb_is_undone() -> None:
     np.testing.assert_array_equal(pixels, BGR[:, :, ::-1])
 
 
+def test_a_compressed_mosaic_gets_its_colours() -> None:
+    tile = np.array([[200, 90], [90, 10]], np.uint8)
+    data = compressed(np.tile(tile, (5, 6)), ".png")
+    pixels, _ = pixels_of_compressed(data, "bayer_rggb8; png compressed", "/camera")
+    np.testing.assert_array_equal(pixels[2:-2, 2:-2], np.full((6, 8, 3), (10, 90, 200)))
+
+
 def test_compressed_depth_of_millimetres() -> None:
     data = np.concatenate([np.zeros(12, np.uint8), compressed(GREY16, ".png")])
     pixels, file_format = pixels_of_compressed(data, "16UC1; compressedDepth png", "/depth")
@@ -204,6 +211,15 @@ def test_an_absurd_declared_size_is_refused_before_it_is_allocated() -> None:
     data[16:24] = np.frombuffer(struct.pack(">II", 60000, 60000), np.uint8)
     with pytest.raises(DecodeError, match="60000 x 60000"):
         pixels_of_compressed(data, "png", "/camera")
+
+
+def test_a_png_chunk_of_an_absurd_length_is_not_believed() -> None:
+    for kind in (b"IDAT", b"IEND"):
+        data = compressed(GREY, ".png").copy()
+        start = data.tobytes().index(kind) - 4
+        data[start : start + 4] = (0x7F, 0xFF, 0xFF, 0xFF)
+        with pytest.raises(DecodeError, match="cut off"):
+            pixels_of_compressed(data, "png", "/camera")
 
 
 def test_video_and_unknown_bytes_are_refused() -> None:

@@ -211,8 +211,8 @@ def test_what_cannot_be_is_refused(detector: LidarDetector, street: PointCloud) 
         prepare_detector([_cloud(np.empty((0, 3)), None)])
     with pytest.raises(InsufficientDataError):
         prepare_detector([])
-    with pytest.raises(GeometryError, match="height"):
-        prepare_detector([street], LidarConfig(sensor_height_m=40.0))
+    with pytest.raises(ConfigError, match="height"):
+        LidarConfig(sensor_height_m=40.0)
     with pytest.raises(ConfigError, match="sensor_height_m"):
         parse_settings(LidarConfig, {"ground": {"sensor_height_m": 1.0}}, "test")
     with pytest.raises(ConfigError, match="Did you mean 'tolerance_m'"):

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError
 from percept.core.samples import PointCloud
@@ -24,7 +25,7 @@ CODES = {code: number for number, code in DATATYPES.items()}
 
 
 def make_message(
-    columns: dict[str, tuple[np.ndarray, str]],
+    columns: dict[str, tuple[NDArray[Any], str]],
     *,
     height: int = 1,
     big_endian: bool = False,
@@ -88,7 +89,7 @@ def make_columns(xyz_code: str = "f4", intensity_code: str = "f4") -> dict[str, 
     ],
 )
 def test_every_layout_gives_the_same_cloud(
-    xyz: str, intensity: str, height: int, big_endian: bool, padding: int
+    xyz: str, intensity: str, height: int, padding: int, *, big_endian: bool
 ) -> None:
     columns = make_columns(xyz, intensity)
     order = list(columns)
@@ -228,9 +229,7 @@ def test_sizes_that_cannot_be_are_refused(change: dict[str, Any], reason: str) -
         (0, {"offset": 2**32 - 1}, "outside"),
     ],
 )
-def test_fields_that_cannot_be_are_refused(
-    index: int, change: dict[str, Any], reason: str
-) -> None:
+def test_fields_that_cannot_be_are_refused(index: int, change: dict[str, Any], reason: str) -> None:
     message = make_message(make_columns())
     vars(message.fields[index]).update(change)
     with pytest.raises(DecodeError, match=reason):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from percept.datasets.point_times import UnclearTimesError, offsets_from_pair, offsets_ns
 
@@ -28,9 +31,7 @@ SWEEP_NS = np.array([0, 12_345_678, 50_000_000, 99_999_999])
         ("timestamp", (STAMP_NS + SWEEP_NS) * 1e-3, 300),
     ],
 )
-def test_units_are_told_by_magnitude(
-    name: str, values: np.ndarray, tolerance_ns: int
-) -> None:
+def test_units_are_told_by_magnitude(name: str, values: NDArray[Any], tolerance_ns: int) -> None:
     offsets = offsets_ns(values, name, STAMP_NS)
     assert offsets.dtype == np.int64
     assert np.abs(offsets - SWEEP_NS).max() <= tolerance_ns
@@ -67,7 +68,7 @@ def test_without_a_stamp_it_stands_for_the_earliest_point() -> None:
         ("t", np.array([0, 2**63], dtype="u8"), "no unit"),
     ],
 )
-def test_what_fits_no_rule_is_refused(name: str, values: np.ndarray, reason: str) -> None:
+def test_what_fits_no_rule_is_refused(name: str, values: NDArray[Any], reason: str) -> None:
     with pytest.raises(UnclearTimesError, match=reason):
         offsets_ns(values, name, STAMP_NS)
 

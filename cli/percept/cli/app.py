@@ -6,6 +6,7 @@ a test holds them to it.
 
 from __future__ import annotations
 
+import errno
 import sys
 from typing import Annotated, Any
 
@@ -14,7 +15,7 @@ from typer.core import TyperGroup
 
 from percept.cli import demo, detect, inspect, synth, view
 from percept.cli.dependencies import explain_import_error
-from percept.core.errors import PerceptError
+from percept.core.errors import PerceptError, UsageError
 
 __all__ = ["app", "main"]
 
@@ -34,6 +35,11 @@ class _PerceptGroup(TyperGroup):
             if explained is None:
                 raise
             raise _ended_by(explained) from error
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+            full = UsageError("the disk is full", where=error.filename, remedy="Make room for it")
+            raise _ended_by(full) from error
         except KeyboardInterrupt as error:
             typer.echo("interrupted: what was finished is kept", err=True)
             raise typer.Exit(_INTERRUPTED) from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -18,7 +18,6 @@ from percept.cli.options import (
     StartOption,
     named_values,
 )
-from percept.core.errors import UsageError
 
 __all__ = ["detect"]
 
@@ -34,14 +33,15 @@ def detect(
     topic: Annotated[
         list[str] | None,
         typer.Option(
-            "--topic", metavar="SENSOR=TOPIC", help="Use this LiDAR topic, under this name. Repeat."
+            "--topic",
+            metavar="SENSOR=TOPIC",
+            help="Use this LiDAR topic, under this name. Repeat it for several.",
         ),
     ] = None,
     lidars: Annotated[
-        str | None,
+        Literal["merge", "separate"] | None,
         typer.Option(
             "--lidars",
-            metavar="merge|separate",
             help="Several LiDARs: one merged cloud in the vehicle's frame, or each by itself. "
             "Default: merge where the place of every one is known.",
             show_default=False,
@@ -78,8 +78,6 @@ def detect(
 
     Example: percept demo --out demo && percept detect --bag demo/drive.mcap --out run
     """
-    if lidars not in (None, "merge", "separate"):
-        raise UsageError(f"--lidars is 'merge' or 'separate', not '{lidars}'")
     from percept.cli.detect_run import DetectRequest, run_detection
 
     flags = {
@@ -93,7 +91,7 @@ def detect(
         bags=tuple(bag),
         out=out,
         rig=rig,
-        topics=named_values(topic or [], "--topic"),
+        topics=_named_topics(topic or []),
         config=config,
         flags=flags,
         start_s=start,
@@ -108,6 +106,12 @@ def detect(
     else:
         _show(run, out)
     raise typer.Exit(run["exit_code"])
+
+
+def _named_topics(entries: list[str]) -> dict[str, str]:
+    """Split `SENSOR=TOPIC`; a bare topic is named after itself."""
+    named = [e if "=" in e else f"{e.strip('/').replace('/', '_')}={e}" for e in entries]
+    return named_values(named, "--topic")
 
 
 def _show(run: dict[str, Any], out: Path) -> None:

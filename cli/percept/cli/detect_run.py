@@ -119,6 +119,7 @@ def _plan(
                 clouds,
                 _with_base_height(config.lidar, T_base_sensor),
                 sensor=name,
+                merged=streams.merged,
                 T_base_sensor=(
                     Transform.identity(clouds[0].frame, clouds[0].frame)
                     if T_base_sensor is not None

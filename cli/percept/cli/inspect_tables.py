@@ -191,7 +191,7 @@ def _lidar(sensor: LidarSummary) -> str:
     if sensor.rings is not None:
         parts.append(f"{sensor.rings} ring{'s' if sensor.rings != 1 else ''}")
     if sensor.intensity is not None:
-        parts.append(f"intensity {sensor.intensity[0]:.4g}..{sensor.intensity[1]:.4g}")
+        parts.append(f"intensity {sensor.intensity[0]:.3g}..{sensor.intensity[1]:.3g}")
     if sensor.scan_s is not None:
         parts.append(f"point times over {seconds_as_text(sensor.scan_s)}")
     fields = (

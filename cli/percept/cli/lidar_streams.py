@@ -12,7 +12,7 @@ from percept.core.rig import LidarSensor
 from percept.core.samples import PointCloud
 from percept.core.transform import Transform
 from percept.datasets.recording import Recording
-from percept.lidar.merge import ScanGrouper, merge_clouds
+from percept.lidar.merge import ScanGrouper, merge_clouds, placed_cloud
 
 __all__ = ["LidarStreams", "first_clouds", "plan_streams"]
 
@@ -50,16 +50,17 @@ class LidarStreams:
             end_ns=end_ns,
         )
         clouds = (sample for sample in samples if isinstance(sample, PointCloud))
-        by_topic = {sensor.topic: sensor for sensor in self.sensors}
         if not self.merged:
+            by_topic = {sensor.topic: sensor for sensor in self.sensors}
             for cloud in clouds:
                 sensor = by_topic[cloud.topic]
-                yield sensor.name, _in_base(cloud, sensor)
+                T_base_sensor = sensor.T_base_sensor
+                yield sensor.name, placed_cloud(cloud, T_base_sensor) if T_base_sensor else cloud
             return
-        grouper = ScanGrouper([s.topic for s in self.sensors if s.topic is not None])
-        for group in grouper.groups(_in_base(cloud, by_topic[cloud.topic]) for cloud in clouds):
-            base = group[0].frame
-            yield MERGED_NAME, merge_clouds(group, {base: Transform.identity(base, base)})
+        places = {s.topic: s.T_base_sensor for s in self.sensors if s.topic and s.T_base_sensor}
+        grouper = ScanGrouper(list(places))
+        for group in grouper.groups(clouds):
+            yield MERGED_NAME, merge_clouds(group, places)
         self.missing.update(grouper.missing)
         self.unmatched.update(grouper.unmatched)
 
@@ -127,11 +128,3 @@ def first_clouds(
             remedy="Choose another --topic, --start or --end, or look with `percept inspect`",
         )
     return found
-
-
-def _in_base(cloud: PointCloud, sensor: LidarSensor) -> PointCloud:
-    """Move a cloud into the base frame; the log's name of the sensor's frame does not matter."""
-    if sensor.T_base_sensor is None:
-        return cloud
-    base = sensor.T_base_sensor.target
-    return cloud.transformed(Transform(base, cloud.frame, sensor.T_base_sensor.matrix))

@@ -19,7 +19,7 @@ _OUTPUTS = ("drive.mcap", "drive.bag", "drive", "rig.yaml", "map.osm", "truth")
 def make_drive(
     out: Path,
     config: DriveConfig,
-    log_format: Literal["mcap", "rosbag1", "rosbag2"],
+    log_format: LogFormat,
     *,
     force: bool,
 ) -> dict[str, Any]:

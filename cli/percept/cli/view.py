@@ -20,6 +20,6 @@ def view(run: Annotated[Path, typer.Argument(help="Run folder, or an .rrd file."
     recording = run / "view.rrd" if run.is_dir() else run
     if not recording.is_file():
         raise InputError("has no view.rrd", where=run, remedy="Give the --out folder of a run")
-    from percept.export.view import open_view
+    from percept.export.viewer import open_view
 
     open_view(recording)

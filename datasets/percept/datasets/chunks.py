@@ -35,6 +35,7 @@ Entry = tuple[int, int, int, int]
 """One message in a loaded chunk: log time in ns, connection id, start and end of its payload."""
 
 _T = TypeVar("_T")
+_NEVER = 1 << 65
 
 
 class ChunkError(Exception):
@@ -133,19 +134,32 @@ def merge_in_time(
     while heap or waiting:
         while waiting and (not heap or waiting[-1][0] <= heap[0][0]):
             _, order, opener = waiting.pop()
-            stream = opener()
+            _push_next(heap, order, opener(), time_of)
+        if len(heap) == 1:
+            # Alone until the next one's time comes: no need to compare.
+            _, order, item, stream = heap.pop()
+            yield item
+            until = waiting[-1][0] if waiting else _NEVER
             for item in stream:
-                heapq.heappush(heap, (time_of(item), order, item, stream))
-                break
-        if not heap:
-            continue
-        _, order, item, stream = heap[0]
-        yield item
-        for item in stream:
-            heapq.heapreplace(heap, (time_of(item), order, item, stream))
-            break
-        else:
-            heapq.heappop(heap)
+                if time_of(item) >= until:
+                    heapq.heappush(heap, (time_of(item), order, item, stream))
+                    break
+                yield item
+        elif heap:
+            _, order, item, stream = heapq.heappop(heap)
+            yield item
+            _push_next(heap, order, stream, time_of)
+
+
+def _push_next(
+    heap: list[tuple[int, int, _T, Iterator[_T]]],
+    order: int,
+    stream: Iterator[_T],
+    time_of: Callable[[_T], int],
+) -> None:
+    for item in stream:
+        heapq.heappush(heap, (time_of(item), order, item, stream))
+        return
 
 
 def raw_message(
@@ -191,6 +205,7 @@ class ChunkedSource:
         held = [chunk for chunk in index.chunks if chunk.ids is None or chunk.ids]
         self.start_ns: int | None = min((c.start_ns for c in held), default=None)
         self.end_ns: int | None = max((c.end_ns for c in held), default=None)
+        self._late = 0
         self._judged = {chunk.offset for chunk in index.chunks if index.scanned}
 
     def messages(
@@ -225,7 +240,16 @@ class ChunkedSource:
             and chunk.end_ns >= first
             and (chunk.ids is None or not wanted.isdisjoint(chunk.ids))
         ]
-        return merge_in_time(parts, lambda located: located[1])
+        late, previous = 0, first
+        for located in merge_in_time(parts, itemgetter(1)):
+            if located[1] >= previous:
+                previous = located[1]
+                yield located
+                continue
+            late += 1
+            if late > self._late:
+                self._late = late
+                self.losses["messages outside of the time that the index states"] += 1
 
     def _chunk(
         self, chunk: Chunk, wanted: set[int], first: int, last: int

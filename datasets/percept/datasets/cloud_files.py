@@ -22,11 +22,16 @@ _NUSCENES_SUFFIX = ".pcd.bin"
 _CLEAR_STRUCTURE = 0.1
 
 
-def read_point_cloud(path: Path) -> PointCloud:
+def read_point_cloud(path: Path, notes: Counter[str] | None = None) -> PointCloud:
     """Read one point cloud file.
 
     The stamp comes from a name with 16 or more digits, otherwise it is 0; the topic and the
     frame are the name of the file without its suffix.
+
+    Args:
+        path: The file.
+        notes: Counter for what could not be used, by reason, such as per-point times that make
+            no sense; points that are not finite are counted in the cloud.
 
     Raises:
         RecordingError: If the file is missing or of another kind.
@@ -39,7 +44,8 @@ def read_point_cloud(path: Path) -> PointCloud:
             remedy=f"Give one of {', '.join(CLOUD_SUFFIXES)}",
         )
     stamp_ns = stamp_in_name(path)
-    return cloud_from_file(path, Counter(), topic=path.stem, stamp_ns=stamp_ns, frame=path.stem)
+    counted = Counter() if notes is None else notes
+    return cloud_from_file(path, counted, topic=path.stem, stamp_ns=stamp_ns, frame=path.stem)
 
 
 def cloud_from_file(

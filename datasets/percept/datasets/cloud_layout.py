@@ -78,6 +78,8 @@ def packed_points(cloud: PointCloud, layout: CloudLayout) -> PackedPoints:
         raise UsageError(f"{len(cloud)} points do not fill {height} rows", where=cloud.topic)
     row_step = width * point_step + layout.row_padding
     data = np.zeros(height * row_step, dtype=np.uint8)
+    if not len(cloud):
+        return PackedPoints(fields, height, width, point_step, row_step, data)
     order = ">" if layout.big_endian else "<"
     for (values, code), (_, start, _) in zip(columns.values(), fields, strict=True):
         view: NDArray[np.generic] = np.ndarray(

@@ -12,6 +12,8 @@ __all__ = ["ZSTD_MAGIC", "CompressionError", "decompress", "decompress_prefix"]
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _STEP_BYTES = 4096
+_MOST_EXPANSION = 1000
+_BROKEN = (zstandard.ZstdError, RuntimeError, OSError, EOFError, MemoryError)
 
 
 class CompressionError(Exception):
@@ -48,12 +50,20 @@ def decompress(compression: str, data: bytes, size: int | None = None) -> bytes:
         return data
     decompressor = _decompressor(compression)
     try:
+        if compression == "zstd" and _states_size(data, size):
+            return zstandard.ZstdDecompressor().decompress(data)
         plain = decompressor.decompress(data)
-    except (zstandard.ZstdError, RuntimeError, OSError, EOFError, MemoryError) as error:
+    except _BROKEN as error:
         raise CompressionError("that do not decompress") from error
     if not getattr(decompressor, "eof", True) or (size is not None and len(plain) != size):
         raise CompressionError("that do not decompress")
     return plain
+
+
+def _states_size(data: bytes, size: int | None) -> bool:
+    """Return whether a frame states its size and it is credible: then one call does it, faster."""
+    stated = zstandard.get_frame_parameters(data).content_size
+    return stated == size if size is not None else 0 < stated < _MOST_EXPANSION * len(data)
 
 
 def decompress_prefix(compression: str, data: bytes) -> bytes:
@@ -71,6 +81,6 @@ def decompress_prefix(compression: str, data: bytes) -> bytes:
     for start in range(0, len(data), _STEP_BYTES):
         try:
             parts.append(decompressor.decompress(data[start : start + _STEP_BYTES]))
-        except (zstandard.ZstdError, RuntimeError, OSError, EOFError, MemoryError):
+        except _BROKEN:
             break
     return b"".join(parts)

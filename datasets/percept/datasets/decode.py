@@ -108,8 +108,6 @@ class Decoder:
     def _deserialize(self, raw: RawMessage) -> RosMessage:
         connection = raw.connection
         store = self._catalog.store_for(connection)
-        # Each element takes at least a byte, so that a longer sequence is damage and not data.
-        store.max_sequence_length = max(1, len(raw.data))
         try:
             if connection.encoding == "ros1":
                 return store.deserialize_ros1(raw.data, connection.msgtype)

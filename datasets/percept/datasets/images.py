@@ -47,7 +47,11 @@ _YUV_NAMES = {
 }
 _VIDEO_NAMES = ("h264", "h265", "hevc", "avc", "av1", "vp9")
 _DEPTH_HEADER_BYTES = 12
-_MOST_PIXELS = 500_000_000
+_PNG_SIGNATURE_BYTES = 8
+# Length, type and checksum around the data of a chunk.
+_PNG_CHUNK_FRAME_BYTES = 12
+# Deflate packs at most 1030 to 1, a JPEG block of 64 pixels takes at least a bit.
+_MOST_PIXELS_A_BYTE = 2000
 
 
 def pixels_of_image(message: RosMessage, topic: str) -> NDArray[Any]:
@@ -64,7 +68,7 @@ def pixels_of_image(message: RosMessage, topic: str) -> NDArray[Any]:
         DecodeError: If the encoding is not known, or the data is shorter than the sizes say.
     """
     encoding = str(message.encoding).strip()
-    if _is_video(encoding, message.data):
+    if _is_video(message):
         raise DecodeError(
             "the image message holds video, which is decoded frame by frame nowhere here",
             where=topic,
@@ -81,12 +85,13 @@ def pixels_of_image(message: RosMessage, topic: str) -> NDArray[Any]:
     return _as_bgr(rows, colours, topic)
 
 
-def _is_video(encoding: str, data: NDArray[np.uint8]) -> bool:
-    if encoding.lower().startswith(_VIDEO_NAMES):
+def _is_video(message: RosMessage) -> bool:
+    if str(message.encoding).lower().startswith(_VIDEO_NAMES):
         return True
-    start = bytes(data[:5])
     # Some drivers label H.264 as rgb8: Annex B start code, then an access unit, SPS or IDR slice.
-    return start[:4] == b"\0\0\0\1" and len(start) == 5 and start[4] & 0x1F in (5, 7, 9)
+    start = bytes(message.data[:5])
+    too_short = len(message.data) < message.height * message.width
+    return too_short and start[:4] == b"\0\0\0\1" and start[-1] & 0x1F in (5, 7, 9)
 
 
 def _layout(encoding: str, topic: str) -> tuple[str, str, int]:
@@ -166,6 +171,10 @@ def pixels_of_compressed(
     encoder_order = description.partition("compressed")[2]
     if "rgb" in encoder_order and pixels.ndim == 3:
         pixels = np.ascontiguousarray(pixels[:, :, ::-1])
+    # A mosaic is compressed as the grey image that it looks like.
+    colours = description.partition(";")[0].strip().lower().rstrip("0123456789")
+    if colours.startswith("bayer_") and pixels.ndim == 2:
+        pixels = _as_bgr(pixels, colours, topic)
     return pixels, file_format
 
 
@@ -195,13 +204,14 @@ def pixels_of_file_bytes(content: bytes, where: str) -> tuple[NDArray[Any], str]
     )
     if file_format is None:
         raise DecodeError("neither JPEG nor PNG", where=where)
-    # The decoders fill what is missing with grey, which would pass for a picture.
-    end = b"\xff\xd9" if file_format == "jpeg" else b"IEND"
-    if content.rfind(end) < 0:
+    if not _is_complete(content, file_format):
         raise DecodeError(f"the {file_format} image is cut off", where=where)
     width, height = _declared_size(content, file_format)
-    if width * height > _MOST_PIXELS:
-        raise DecodeError(f"{width} x {height} pixels are declared", where=where)
+    if width * height > _MOST_PIXELS_A_BYTE * len(content):
+        raise DecodeError(
+            f"{len(content)} bytes cannot hold the {width} x {height} pixels that are declared",
+            where=where,
+        )
     try:
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -213,6 +223,23 @@ def pixels_of_file_bytes(content: bytes, where: str) -> tuple[NDArray[Any], str]
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_BGRA2BGR)
     return pixels, file_format
+
+
+def _is_complete(content: bytes, file_format: str) -> bool:
+    """Look for the end mark: decoders fill what is missing with grey, which passes for a picture.
+
+    In a JPEG it must come behind the last scan, because a thumbnail has an end of its own. In a
+    PNG the chunks must lead to it; OpenCV would believe any length that a chunk declares.
+    """
+    if file_format == "jpeg":
+        return content.rfind(b"\xff\xd9") > content.rfind(b"\xff\xda")
+    position = _PNG_SIGNATURE_BYTES
+    while position + _PNG_CHUNK_FRAME_BYTES <= len(content):
+        kind = content[position + 4 : position + 8]
+        position += _PNG_CHUNK_FRAME_BYTES + int.from_bytes(content[position : position + 4])
+        if kind == b"IEND":
+            return position <= len(content)
+    return False
 
 
 def _declared_size(content: bytes, file_format: str) -> tuple[int, int]:

@@ -36,7 +36,7 @@ from percept.datasets.mcap_records import (
 
 __all__ = ["McapLayout", "open_mcap"]
 
-_REBUILT = "index missing or damaged (1 = rebuilt by reading the whole file)"
+_REBUILT = "index missing or damaged; rebuilt by reading the whole file"
 _RUN_BYTES = 1 << 22
 _FOOTER = struct.Struct("<QQI")
 _TAIL_BYTES = HEAD_BYTES + _FOOTER.size + len(MAGIC)

@@ -119,7 +119,7 @@ def _camera_info(message: RosMessage, head: SampleHead, _: Counter[str]) -> list
 def _imu(message: RosMessage, head: SampleHead, _: Counter[str]) -> list[Sample]:
     quat_xyzw = _xyzw(message.orientation)
     # REP-145 marks "no orientation" by -1 in the covariance; many drivers leave all zeros.
-    given = message.orientation_covariance[0] != -1 and bool(np.any(quat_xyzw))
+    given = message.orientation_covariance[0] != -1 and any(quat_xyzw.tolist())
     if given:
         quat_xyzw = _finite(quat_xyzw, "the orientation", head.topic)
     return [
@@ -181,15 +181,19 @@ def _transforms(message: RosMessage, head: SampleHead, _: Counter[str]) -> list[
         edge = head_of(stamped, head.topic, head.log_time_ns)
         child = _frame_name(stamped.child_frame_id)
         moved = stamped.transform
-        T_frame_child = Transform.from_quat_xyzw(
-            edge.frame, child, _xyz(moved.translation), _xyzw(moved.rotation)
-        )
+        T_frame_child = _transform(edge.frame, child, moved.translation, moved.rotation)
         samples.append(TransformSample(**edge.fields(), T_frame_child=T_frame_child, static=static))
     return samples
 
 
 def _pose_transform(pose: RosMessage, frame: str, child: str) -> Transform:
-    return Transform.from_quat_xyzw(frame, child, _xyz(pose.position), _xyzw(pose.orientation))
+    return _transform(frame, child, pose.position, pose.orientation)
+
+
+def _transform(frame: str, child: str, translation: RosMessage, rotation: RosMessage) -> Transform:
+    # Damaged numbers may overflow on their way to being refused.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return Transform.from_quat_xyzw(frame, child, _xyz(translation), _xyzw(rotation))
 
 
 def _xyz(vector: RosMessage) -> NDArray[np.float64]:

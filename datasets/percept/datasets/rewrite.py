@@ -113,7 +113,7 @@ def _rewrite_mcap(source: ChunkedSource, layout: McapLayout, target: Path) -> Co
             )
             written[source.index.connections[key].topic] += 1
         _copy_side_records(writer, source.file, source.losses)
-        writer.finish()  # type: ignore[no-untyped-call] (mcap types all but this)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap types all but this
     return written
 
 

@@ -34,7 +34,7 @@ from percept.datasets.rosbag1_records import (
 __all__ = ["BagLayout", "open_rosbag1"]
 
 _OPS = frozenset({BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION})
-_REBUILT = "index missing or damaged (1 = rebuilt by reading the whole file)"
+_REBUILT = "index missing or damaged; rebuilt by reading the whole file"
 
 
 @dataclass(slots=True)
@@ -61,7 +61,8 @@ class BagLayout:
         if head is None or head.op != CHUNK:
             raise ChunkError("whose record is damaged")
         file.seek(head.data_start)
-        data = file.read(min(head.data_size, chunk.size))
+        end = chunk.offset + chunk.size if chunk.cut else head.end
+        data = file.read(end - head.data_start)
         compression, size = _stated_content(head)
         try:
             if chunk.cut:
@@ -200,11 +201,21 @@ class _Scan:
                     self.size - position
                 )
                 break
+            elif head.op == CHUNK and self._is_unfinished(head):
+                self._take_chunk(Chunk(position, self.size - position, 0, 0, cut=True))
+                break
             else:
                 self._take(position, head)
                 position = head.end
         self.index.drop_unknown()
         return self.index
+
+    def _is_unfinished(self, head: Head) -> bool:
+        """Return whether a recorder was killed in this chunk: it writes the size afterwards."""
+        if head.data_size or head.end == self.size:
+            return False
+        following = read_head(self.file, head.end)
+        return following is None or following.op not in (INDEX, CHUNK, CHUNK_INFO)
 
     def _found(self, after: int) -> bool:
         return find_chunk(self.file, after, self.size) is not None

@@ -29,6 +29,8 @@ __all__ = ["Sqlite3Source"]
 _FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
 _ROW = np.dtype([("time", "i8"), ("rowid", "i8"), ("topic", "i8"), ("page", "u4"), ("cell", "u2")])
 _MESSAGE_COLUMNS = 4
+# Of a damaged schema SQLite quotes bytes that are no text.
+_UNREADABLE = (sqlite3.DatabaseError, UnicodeDecodeError)
 
 
 class Sqlite3Source:
@@ -57,7 +59,7 @@ class Sqlite3Source:
         self._database: sqlite3.Connection | None = None
         try:
             self._open_sound()
-        except sqlite3.DatabaseError:
+        except _UNREADABLE:
             self._open_damaged()
         self.connections: tuple[Connection, ...] = tuple(
             sorted(dict.fromkeys(self.by_id.values()), key=lambda c: (c.topic, c.msgtype))
@@ -76,7 +78,7 @@ class Sqlite3Source:
             database = sqlite3.connect(copy)
             database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
             database.close()
-        except sqlite3.DatabaseError:
+        except _UNREADABLE:
             self.losses["write-ahead logs that cannot be merged"] += 1
             shutil.copyfile(path, copy)
         return copy
@@ -93,7 +95,12 @@ class Sqlite3Source:
         self.by_id = _connections(self._database.execute("SELECT * FROM topics"), texts)
         self.counts = {connection.topic: 0 for connection in self.by_id.values()}
         query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY 1"
-        for key, count, first, last in self._database.execute(query):
+        groups = self._database.execute(query).fetchall()
+        # SQLite counts in the index on the time; a damaged page hides rows without an error.
+        (total,) = self._database.execute("SELECT COUNT(*) FROM messages").fetchone()
+        if total != sum(group[1] for group in groups):
+            raise sqlite3.DatabaseError("table and index differ")
+        for key, count, first, last in groups:
             self._count(key, count, first, last)
 
     def _count(self, key: int, count: int, first: int, last: int) -> None:
@@ -151,7 +158,7 @@ class Sqlite3Source:
         if pages.lost_pages:
             self.losses["pages after the end of the file"] += pages.lost_pages
         else:
-            self.losses["damaged pages (1 or more)"] += 1
+            self.losses["damaged file; read page by page"] += 1
         missing = int(found["rowid"].max()) - len(found) if len(found) else 0
         known = self.losses["messages whose payload is lost"]
         if missing > known:
@@ -197,19 +204,32 @@ class Sqlite3Source:
         wanted = {k for k, c in self.by_id.items() if topics is None or c.topic in topics}
         first = -(2**63) if start_ns is None else max(start_ns, -(2**63))
         last = 2**63 - 1 if end_ns is None else min(end_ns, 2**63 - 1)
-        done = (first, -(2**63))
+        done, given = (first, -(2**63)), 0
         if self._pages is None:
             try:
                 for rowid, key, log_time_ns, data in self._select(wanted, first, last):
-                    done = (log_time_ns, rowid)
+                    if (log_time_ns, rowid) <= done:
+                        raise sqlite3.DatabaseError("the index on the time is damaged")
+                    done, given = (log_time_ns, rowid), given + 1
                     if isinstance(data, bytes):
                         yield key, log_time_ns, data
                     else:
                         self.losses["messages whose payload is lost"] += 1
-            except sqlite3.DatabaseError:
+                if start_ns is None and end_ns is None and given != self._count_of(wanted):
+                    raise sqlite3.DatabaseError("the index on the time is damaged")
+            except _UNREADABLE:
                 self._open_damaged()
         if self._pages is not None:
-            yield from self._carved(self._pages, wanted, done, last)
+            rows = self._rows[(self._rows["time"] >= first) & (self._rows["time"] <= last)]
+            rows = rows[np.isin(rows["topic"], list(wanted))]
+            same_time = rows["time"] == done[0]
+            before = (rows["time"] < done[0]) | (same_time & (rows["rowid"] <= done[1]))
+            if given and before.sum() > given:
+                self.losses["messages that a damaged index hides"] += int(before.sum()) - given
+            yield from self._carved(self._pages, rows[~before])
+
+    def _count_of(self, wanted: Collection[int]) -> int:
+        return sum(self.counts[topic] for topic in {self.by_id[key].topic for key in wanted})
 
     def _select(
         self, wanted: Collection[int], first: int, last: int
@@ -218,27 +238,25 @@ class Sqlite3Source:
             return
         marks = ",".join("?" * len(wanted))
         # Only keys are sorted where rosbag2's index on the time is missing, never payloads.
-        keys = self._database.execute(
-            f"SELECT id, topic_id, timestamp FROM messages WHERE topic_id IN ({marks})"  # noqa: S608 (marks only)
-            " AND timestamp BETWEEN ? AND ? ORDER BY timestamp, id",
-            (*wanted, first, last),
-        )
+        query = f"SELECT id, topic_id, timestamp FROM messages WHERE topic_id IN ({marks})"  # noqa: S608 (marks only)
+        arguments = [*wanted]
+        # A bound that excludes nothing could still end the search at a damaged key.
+        for operator, bound, loose in ((">=", first, -(2**63)), ("<=", last, 2**63 - 1)):
+            if bound != loose:
+                query += f" AND timestamp {operator} ?"
+                arguments.append(bound)
         payload = self._database.cursor()
+        keys = self._database.execute(query + " ORDER BY timestamp, id", arguments)
         for rowid, key, log_time_ns in keys:
             payload.execute("SELECT data FROM messages WHERE id = ?", (rowid,))
-            yield rowid, key, log_time_ns, payload.fetchone()[0]
+            row = payload.fetchone()
+            yield rowid, key, log_time_ns, row[0] if row else None
 
     def _carved(
-        self, pages: SqlitePages, wanted: Collection[int], done: tuple[int, int], last: int
+        self, pages: SqlitePages, rows: NDArray[np.void]
     ) -> Iterator[tuple[int, int, bytes]]:
-        """Yield what the pages hold after the last message that SQLite has given."""
-        begin = int(np.searchsorted(self._rows["time"], done[0]))
-        for row in self._rows[begin:]:
-            log_time_ns, rowid, key, page, cell = row.tolist()
-            if log_time_ns > last:
-                return
-            if key not in wanted or (log_time_ns, rowid) <= done:
-                continue
+        for row in rows:
+            log_time_ns, _, key, page, cell = row.tolist()
             data = pages.last_value(page, cell)
             if isinstance(data, bytes):
                 yield key, log_time_ns, data
@@ -252,7 +270,8 @@ class Sqlite3Source:
         """
         kinds = ("table", "index")
         if self._pages is not None:
-            for _, (kind, name, _, root, sql, *_) in self._pages.rows(1):
+            for _, values in self._pages.rows(1):
+                kind, name, _, root, sql = (*values, *[None] * 5)[:5]
                 if kind in kinds and isinstance(root, int) and isinstance(sql, str):
                     small = kind == "table" and name != "messages"
                     yield str(name), sql, list(self._pages.rows(root)) if small else []

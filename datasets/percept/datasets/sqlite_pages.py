@@ -181,7 +181,10 @@ class SqlitePages:
             local = local if local <= longest else least
             end = position + local
             overflow = int.from_bytes(page[end : end + 4], "big")
-        if position + local > self._usable or size > self.page_count * self.page_size:
+        if (
+            position + local > self._usable
+            or size > (self.page_count + self.lost_pages) * self.page_size
+        ):
             raise _DamagedError
         rowid = rowid - (1 << 64) if rowid >= 1 << 63 else rowid
         return rowid, size, position, position + local, overflow

@@ -29,6 +29,7 @@ ENCODINGS = ("ros1", "cdr")
 # rosbags unrolls fixed arrays of strings and structures into source code, so that a length out
 # of a broken definition would fill the memory.
 _LONGEST_FIXED_ARRAY = 4096
+_LONGEST_REASON = 120
 _IDL_SEPARATOR = "=" * 80 + "\n"
 
 
@@ -91,6 +92,8 @@ class DefinitionCatalog:
             raise DecodeError(
                 f"messages in the encoding '{connection.encoding}' cannot be decoded", where=topic
             )
+        if "/srv/" in connection.msgtype:
+            raise DecodeError("service calls are not decoded", where=topic)
         standard = standard_types(connection.encoding)
         if not connection.definition.strip():
             if connection.msgtype in standard.fielddefs:
@@ -103,8 +106,9 @@ class DefinitionCatalog:
             _complete(types, connection.msgtype, standard)
             return self._register(types, connection.encoding)
         except (TypesysError, ValueError, KeyError, RecursionError, SyntaxError) as error:
+            reason = " ".join(str(error).split())[:_LONGEST_REASON]
             raise DecodeError(
-                f"the log's definition of '{connection.msgtype}' cannot be used ({error})",
+                f"the log's definition of '{connection.msgtype}' cannot be used ({reason})",
                 where=topic,
             ) from error
 
@@ -175,6 +179,9 @@ def _references(types: Typesdict, name: str) -> Iterator[str]:
             unrolled = kind == Nodetype.NAME or content[0] == "string"
             if unrolled and length > _LONGEST_FIXED_ARRAY:
                 raise ValueError(f"'{field}' is an array of {length} elements")
+        if desc[0] == Nodetype.SEQUENCE and nested is not None and _takes_no_bytes(types, nested):
+            # Its declared length is bounded by nothing in the message.
+            raise ValueError(f"'{field}' is a sequence of nothing")
         if nested is not None:
             yield nested
 
@@ -184,6 +191,10 @@ def _refuse_cycles(types: Typesdict, name: str, above: tuple[str, ...]) -> None:
         raise ValueError(f"'{name}' contains itself")
     for nested in _references(types, name):
         _refuse_cycles(types, nested, (*above, name))
+
+
+def _takes_no_bytes(types: Typesdict, name: str) -> bool:
+    return name in types and not types[name][1]
 
 
 def _array_parts(desc: FieldDesc) -> tuple[Any, int]:

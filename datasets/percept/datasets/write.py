@@ -119,15 +119,13 @@ class LogWriter:
         Raises:
             UsageError: If something else appeared there in the meantime.
         """
-        self._sink.close()
-        if self.path.exists():
-            self._discard()
-            raise UsageError("appeared while the log was written", where=self.path)
-        (self._workshop / self.path.name).rename(self.path)
-        self._discard()
-
-    def _discard(self) -> None:
-        shutil.rmtree(self._workshop)
+        try:
+            self._sink.close()
+            if self.path.exists():
+                raise UsageError("appeared while the log was written", where=self.path)
+            (self._workshop / self.path.name).rename(self.path)
+        finally:
+            shutil.rmtree(self._workshop)
 
     def __enter__(self) -> Self:
         return self
@@ -142,4 +140,4 @@ class LogWriter:
             self.close()
             return
         self._sink.abort()
-        self._discard()
+        shutil.rmtree(self._workshop)

@@ -142,10 +142,9 @@ def _charts(summary: DetectionSummary) -> list[Block]:
     """Return the objects by distance and class, and over time for each sensor."""
     last = max(band for counts in summary.ranges.values() for band in counts)
     bands = range(last + 1)
-    by_class = {
-        label: [summary.ranges[label][band] for band in bands]
-        for label, _ in _by_count(summary.labels)
-    }
+    labels = [label for label, _ in _by_count(summary.labels)]
+    labels.sort(key=lambda label: label == "unknown")  # what is known stands on the ground line
+    by_class = {label: [summary.ranges[label][band] for band in bands] for label in labels}
     distances = histogram("Objects by distance", "distance", [*map(band_name, bands)], by_class)
     pictures = [svg_picture(distances, "Bars of objects by distance and class")]
     for sensor, points in summary.timelines.items():

@@ -125,7 +125,9 @@ class _View:
     ) -> None:
         columns, rows = np.rint(self.pixels(points[:, :2])).T
         inside = (np.minimum(columns, rows) >= 0) & (np.maximum(columns, rows) < len(image))
-        colours = np.where(ground[:, None], np.uint8(_GROUND), cluster_colours(cluster_ids))
+        colours = np.where(
+            ground[:, None], np.array(_GROUND, np.uint8), cluster_colours(cluster_ids)
+        )
         # Ground first, so that what stands on it is on top.
         for chosen in (inside & ground, inside & ~ground):
             at = rows[chosen].astype(np.intp), columns[chosen].astype(np.intp)
@@ -218,7 +220,8 @@ def _free(place: NDArray[np.float64], taken: list[NDArray[np.float64]], size_px:
 
 
 def _fixed(pixels: NDArray[np.float64]) -> NDArray[np.int32]:
-    return np.rint(pixels * 2**_SHIFT).astype(np.int32)
+    fixed: NDArray[np.int32] = np.rint(pixels * 2**_SHIFT).astype(np.int32)
+    return fixed
 
 
 def _ascii(text: str) -> str:

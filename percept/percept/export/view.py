@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
+from percept.core.errors import GeometryError
 from percept.core.results import Detections3D
 from percept.core.transform import Transform, quat_xyzw_from_matrix
 from percept.export.palette import class_colour, cluster_colours
@@ -37,6 +38,8 @@ _POINTS_PER_FRAME = 40_000
 _BUDGET_BYTES = 512 * 1024 * 1024
 _BYTES_PER_POINT = 16  # three float32 and a colour
 _GROUND_RGB: NDArray[np.uint8] = np.array((92, 84, 74), dtype=np.uint8)
+_LINES_RGB = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (240, 228, 66))
+_NAMELESS_RGB = (105, 110, 115)
 _TIME = "bag_time"
 # A chunk an entity for so many frames: few chunks, and a killed process loses no more of its view.
 _FRAMES_PER_FLUSH = 16
@@ -52,6 +55,7 @@ class ViewSummary:
         drawn: Frames whose points and boxes are drawn.
         frame_stride: Every how manieth frame of a sensor is drawn.
         points_per_frame: Most points that are drawn of one frame.
+        resumed: Whether an earlier session's parts came before.
         unreadable_parts: Parts of earlier sessions that could not be read and are left out.
     """
 
@@ -59,15 +63,21 @@ class ViewSummary:
     drawn: int
     frame_stride: int
     points_per_frame: int
+    resumed: bool = False
     unreadable_parts: int = 0
 
     def as_text(self) -> str:
-        """Return the summary as one sentence."""
+        """Return the summary as sentences."""
         drawn = "every frame" if self.frame_stride == 1 else f"one frame in {self.frame_stride}"
-        return (
+        text = (
             f"The 3D view draws {drawn} of each sensor with at most {self.points_per_frame:,} "
             f"evenly taken points; the plots hold all frames."
         )
+        if self.resumed:
+            text += f" Up to {_FRAMES_PER_FLUSH} frames before the run was resumed may be missing."
+        if self.unreadable_parts:
+            text += f" {self.unreadable_parts} parts of earlier sessions could not be read."
+        return text
 
 
 class ViewWriter:
@@ -84,6 +94,9 @@ class ViewWriter:
         frames_expected: Frames that will come, which decides how many of them fit in the budget.
         budget_bytes: Bytes that the drawn points may take before compression.
         resume: Continue with the parts that an earlier session left.
+
+    Raises:
+        GeometryError: If the transforms have several roots.
     """
 
     def __init__(
@@ -99,6 +112,10 @@ class ViewWriter:
         self._path = path
         self._run_id = run_id
         self._transforms = {transform.source: transform for transform in T_root_frames}
+        self._roots = {transform.target for transform in T_root_frames}
+        if len(self._roots) > 1:
+            raise GeometryError(f"a view has one root frame, not {sorted(self._roots)}", where=path)
+        self._placed: set[str] = set()
         self._frames_expected = frames_expected
         self._budget_bytes = budget_bytes
         self._stride = 0
@@ -112,7 +129,9 @@ class ViewWriter:
         self._folder.mkdir(parents=True, exist_ok=True)
         if resume and path.exists():  # the earlier session came to its end here, but not elsewhere
             path.replace(self._folder / f"part-{len(_parts_in(self._folder)):04d}.rrd")
-        part = self._folder / f"part-{len(_parts_in(self._folder)):04d}.rrd"
+        earlier = len(_parts_in(self._folder))
+        self._resumed = earlier > 0
+        part = self._folder / f"part-{earlier:04d}.rrd"
         self._recording = _recording(part, run_id)
         self._log_frames()
 
@@ -179,7 +198,14 @@ class ViewWriter:
 
     def _summary(self, unreadable: int = 0) -> ViewSummary:
         stride = max(self._stride, 1)
-        return ViewSummary(self._frames, self._drawn, stride, _POINTS_PER_FRAME, unreadable)
+        return ViewSummary(
+            frames=self._frames,
+            drawn=self._drawn,
+            frame_stride=stride,
+            points_per_frame=_POINTS_PER_FRAME,
+            resumed=self._resumed,
+            unreadable_parts=unreadable,
+        )
 
     def _stride_for(self, points: int) -> int:
         drawn_bytes = min(points, _POINTS_PER_FRAME) * _BYTES_PER_POINT
@@ -187,14 +213,12 @@ class ViewWriter:
 
     def _place(self, frame_id: str, sensor: str) -> str:
         """Return the entity that a sensor's points and boxes hang below."""
-        transform = self._transforms.get(frame_id)
-        if transform is None and self._transforms and frame_id not in self._roots():
-            self._transforms[frame_id] = Transform.identity(next(iter(self._roots())), frame_id)
-            self.note(f"frame '{frame_id}' is not connected; drawn at the origin", level="WARN")
+        if frame_id not in self._placed:
+            self._placed.add(frame_id)
+            known = frame_id in self._transforms or frame_id in self._roots
+            if not known and (self._transforms or len(self._placed) > 1):
+                self.note(f"frame '{frame_id}' is not connected; drawn at the origin", level="WARN")
         return rr.new_entity_path(["world", frame_id or "sensor", sensor])
-
-    def _roots(self) -> set[str]:
-        return {transform.target for transform in self._transforms.values()}
 
     def _log_frames(self) -> None:
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -215,8 +239,10 @@ class ViewWriter:
         """Log one value a series; a series that was seen before and is silent now is 0."""
         known = self._series.setdefault(f"{plot}/{sensor}", [])
         for name in sorted(set(values) - set(known)):
+            hue = _LINES_RGB[len(known) % len(_LINES_RGB)]
+            colour = class_colour(name) if plot == "objects" else hue
             known.append(name)
-            line = rr.SeriesLines(names=f"{sensor} {name}", colors=_series_colour(plot, name))
+            line = rr.SeriesLines(names=f"{sensor} {name}", colors=colour)
             self._log(rr.new_entity_path(["plots", plot, sensor, name]), line, static=True)
         for name in known:
             value = rr.Scalars(float(values.get(name, 0)))
@@ -318,7 +344,7 @@ def _boxes(
         centers=boxes_m[:, :3],
         sizes=boxes_m[:, 3:6],
         quaternions=_quat_xyzw_of_yaw(boxes_m[:, 6]),
-        colors=[class_colour(label) for label in labels],
+        colors=[class_colour(label) if named else _NAMELESS_RGB for label in labels],
         radii=rr.Radius.ui_points(thickness_px),
         fill_mode=rr.components.FillMode.MajorWireframe,
         labels=[f"{label} {score:.2f}" for label, score in zip(labels, confidences, strict=True)],
@@ -330,7 +356,3 @@ def _quat_xyzw_of_yaw(yaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the quaternions (N, 4) of turns about z."""
     zero = np.zeros_like(yaw_rad)
     return np.column_stack([zero, zero, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)])
-
-
-def _series_colour(plot: str, name: str) -> tuple[int, int, int] | None:
-    return class_colour(name) if plot == "objects" else None

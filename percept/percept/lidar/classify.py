@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 UNKNOWN = "unknown"
-_FEATURES = ("length_m", "width_m", "height_m", "clearance_m", "fill", "surface")
+_FEATURES = ("length_m", "width_m", "height_m", "clearance_m", "fill", "surface", "rho")
 _ANYTHING = (-2e9, -1e9, 1e9, 2e9)
 _RULES_FILE = Path(__file__).with_name("rules.yaml")
 
@@ -65,6 +65,7 @@ class ShapeRule(Settings):
         fill: Points on the cluster over the points that a solid box of its size would get at
             its range.
         surface: Share of the points that lie within 0.2 m of a side that faces the sensor.
+        rho: Mean normalised intensity.
         weight: Score of a perfect fit.
     """
 
@@ -74,6 +75,7 @@ class ShapeRule(Settings):
     clearance_m: _Trapezoid | None = None
     fill: _Trapezoid | None = None
     surface: _Trapezoid | None = None
+    rho: _Trapezoid | None = None
     weight: float = Field(default=1.0, gt=0, le=1)
 
 
@@ -109,7 +111,7 @@ class Rules(Settings):
 
     @cached_property
     def trapezoids(self) -> NDArray[np.float64]:
-        """(S, 6, 4) float64 corners of all shapes, class after class."""
+        """(S, 7, 4) float64 corners of all shapes, class after class."""
         return np.array(
             [
                 [_ANYTHING if (t := getattr(s, name)) is None else t for name in _FEATURES]

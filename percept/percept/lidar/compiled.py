@@ -13,5 +13,8 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 
 
 def compiled(function: _Function) -> _Function:
-    """Compile a function at its first call and keep the machine code on disk."""
-    return cast("_Function", njit(cache=True)(function))
+    """Compile a function at its first call and keep the machine code on disk.
+
+    Division by zero gives infinity, as in numpy: checking for it would keep loops from being
+    vectorised."""
+    return cast("_Function", njit(cache=True, error_model="numpy")(function))

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 __all__ = ["ground_height_at"]
 
 _CELL_M = 2.0
-# Squares of 3, 7 and 15 cells: the ground around an object, then ever farther away, since an
+# Squares of 3, 7, 15 and 31 cells: the ground around an object, then ever farther away, since an
 # object hides the ground behind it and stands on the ground below it.
-_REACHES = (1, 3, 7)
+_REACHES = (1, 3, 7, 15)
 
 
 def ground_height_at(
@@ -21,7 +21,7 @@ def ground_height_at(
     Args:
         centres_xy: (K, 2) places, metres, level frame.
         ground_xyz: (N, 3) ground points, metres, same frame.
-        fallback_m: Height where there is no ground point within 15 m.
+        fallback_m: Height where there is no ground point within 30 m.
 
     Returns:
         (K,) float64 z of the ground, metres.

@@ -87,13 +87,8 @@ def segment_ground(
     Raises:
         GeometryError: If the points are not (N, 3+) or not finite.
     """
-    from percept.lidar.ground_kernels import (
-        LineLimits,
-        PolarGrid,
-        bin_lowest,
-        fit_lines,
-        label_points,
-    )
+    from percept.lidar.ground_kernels import LineLimits, bands_of_bins, fit_lines, label_points
+    from percept.lidar.polar_bins import PolarGrid, bins_of_points, lowest_of_bins
 
     config = config or GroundConfig()
     xyz = as_points(points)
@@ -107,15 +102,9 @@ def segment_ground(
         config.max_long_height_m,
         config.max_start_height_m,
     )
-    ranges, segment, low_z, low_r = bin_lowest(xyz, grid)
-    lines, count = fit_lines(low_z, low_r, limits)
-    return label_points(
-        xyz,
-        ranges,
-        segment,
-        lines,
-        count,
-        grid,
-        config.max_dist_to_line_m,
-        config.line_search_angle_rad,
-    )
+    place = bins_of_points(xyz, grid)
+    lowest = lowest_of_bins(xyz, place, grid)
+    lines = fit_lines(xyz, lowest, grid, limits)
+    max_distance_m, search_rad = config.max_dist_to_line_m, config.line_search_angle_rad
+    bands = bands_of_bins(lines, lowest, grid, max_distance_m, search_rad)
+    return label_points(xyz, place, bands, lines, grid, max_distance_m, search_rad)

@@ -1,4 +1,4 @@
-"""Compiled passes of the line-fit ground segmentation.
+"""Compiled passes that fit ground lines to polar bins and label points by them.
 
 Himmelsbach et al. 2010, sections III A to C: the lowest point of each polar bin is its prototype,
 lines grow outwards through the prototypes of a segment, and a point belongs to the ground when it
@@ -14,24 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.lidar.compiled import compiled
+from percept.lidar.polar_bins import PolarGrid, bin_at
 
-__all__ = ["LineLimits", "PolarGrid", "bin_lowest", "fit_lines", "label_points"]
+__all__ = ["LineLimits", "bands_of_bins", "fit_lines", "label_points"]
 
 _F32 = NDArray[np.float32]
 _F64 = NDArray[np.float64]
+_I16 = NDArray[np.int16]
 _I32 = NDArray[np.int32]
+_Lines = tuple[_F64, _I32]  # (L, 4) first and last range, slope, height at range 0; (S + 1,) starts
 
 _SPAN_MARGIN_M = 0.1  # a line also speaks for points this far beyond its two ends
 _FEWEST_PROTOTYPES = 3  # two points fit any line
-
-
-class PolarGrid(NamedTuple):
-    """Segments (angle) by bins (range), metres."""
-
-    segments: int
-    bins: int
-    r_min: float
-    r_max: float
+_ROUNDING_M = 1e-9
+_BAND_ROUNDING_M = 1e-4
+_NO_LINE = -1
+_PARTLY = -2  # a line ends within the bin: each point has to look for itself
 
 
 class LineLimits(NamedTuple):
@@ -47,70 +45,36 @@ class LineLimits(NamedTuple):
 
 
 @compiled
-def bin_lowest(points: _F32, grid: PolarGrid) -> tuple[_F64, _I32, _F64, _F64]:
-    """Find the prototype of each bin.
-
-    Args:
-        points: (N, 3) float32, metres.
-        grid: S segments by B bins.
-
-    Returns:
-        ranges: (N,) horizontal range of each point.
-        segment: (N,) segment of each point, -1 outside r_min..r_max.
-        low_z: (S, B) height of the lowest point, inf in an empty bin.
-        low_r: (S, B) range of that point.
-    """
-    n = len(points)
-    ranges = np.empty(n)
-    segment = np.empty(n, np.int32)
-    low_z = np.full((grid.segments, grid.bins), np.inf)
-    low_r = np.zeros((grid.segments, grid.bins))
-    step = 2.0 * math.pi / grid.segments
-    for i in range(n):
-        x = np.float64(points[i, 0])
-        y = np.float64(points[i, 1])
-        square = x * x + y * y
-        r = math.sqrt(square)
-        ranges[i] = r
-        segment[i] = -1
-        if grid.r_min * grid.r_min < square < grid.r_max * grid.r_max:
-            s = int((math.atan2(y, x) + math.pi) / step)
-            s = 0 if s == grid.segments else s  # an angle of exactly pi
-            segment[i] = s
-            b = _bin_at(r, grid)
-            if points[i, 2] < low_z[s, b]:
-                low_z[s, b] = points[i, 2]
-                low_r[s, b] = r
-    return ranges, segment, low_z, low_r
-
-
-@compiled
-def _bin_at(r: float, grid: PolarGrid) -> int:
-    """Return the bin of a range, or the nearest one."""
-    width = (grid.r_max - grid.r_min) / grid.bins
-    return min(max(int((r - grid.r_min) / width), 0), grid.bins - 1)
-
-
-@compiled
-def fit_lines(low_z: _F64, low_r: _F64, limits: LineLimits) -> tuple[_F64, _I32]:
+def fit_lines(points: _F32, lowest: _I32, grid: PolarGrid, limits: LineLimits) -> _Lines:
     """Fit the ground lines of all segments.
 
     Args:
-        low_z: (S, B) heights of the prototypes, inf where there is none.
-        low_r: (S, B) their ranges.
+        points: (N, 3) float32, metres.
+        lowest: (S * B,) prototype of each bin, -1 where there is none.
+        grid: S segments by B bins.
         limits: What a line may be.
 
     Returns:
-        lines: (S, B / 2 + 1, 4) first and last range, slope, and height at range 0.
-        count: (S,) how many of them each segment has, nearest first.
+        lines: (L, 4) first and last range, slope, and height at range 0; by segment, nearest first.
+        starts: (S + 1,) where each segment's lines begin.
     """
-    segments, bins = low_z.shape
-    lines = np.empty((segments, bins // 2 + 1, 4))
-    count = np.zeros(segments, np.int32)
-    for s in range(segments):
-        filled = low_z[s] < np.inf
-        count[s] = _grow_lines(low_r[s][filled], low_z[s][filled], limits, lines[s])
-    return lines, count
+    lines = np.empty((grid.segments * (grid.bins // 2 + 1), 4))
+    starts = np.zeros(grid.segments + 1, np.int32)
+    r = np.empty(grid.bins)
+    z = np.empty(grid.bins)
+    for s in range(grid.segments):
+        count = 0
+        for b in range(grid.bins):
+            i = lowest[s * grid.bins + b]
+            if i >= 0:
+                x = np.float64(points[i, 0])
+                y = np.float64(points[i, 1])
+                r[count] = math.sqrt(x * x + y * y)
+                z[count] = points[i, 2]
+                count += 1
+        found = _grow_lines(r[:count], z[:count], limits, lines[starts[s] :])
+        starts[s + 1] = starts[s] + found
+    return lines, starts
 
 
 @compiled
@@ -134,7 +98,7 @@ def _grow_lines(r: _F64, z: _F64, limits: LineLimits, lines: _F64) -> int:
         step = np.inf if is_long else 0.0
         if is_long and k - first >= _FEWEST_PROTOTYPES:
             step = abs(line[0] * r[k] + line[1] - z[k])
-        line = _fit(r[first : k + 1], z[first : k + 1])
+        line = _fit(r, z, first, k + 1)
         if step <= limits.max_long_height and _is_ground_line(r, z, first, k, line, limits):
             k += 1
             continue
@@ -151,18 +115,18 @@ def _grow_lines(r: _F64, z: _F64, limits: LineLimits, lines: _F64) -> int:
 
 
 @compiled
-def _fit(r: _F64, z: _F64) -> tuple[float, float]:
-    """Return slope and height at range 0 of the least-squares line."""
+def _fit(r: _F64, z: _F64, first: int, end: int) -> tuple[float, float]:
+    """Return slope and height at range 0 of the least-squares line through first..end-1."""
     mean_r = 0.0
     mean_z = 0.0
-    for k in range(len(r)):
+    for k in range(first, end):
         mean_r += r[k]
         mean_z += z[k]
-    mean_r /= len(r)
-    mean_z /= len(r)
+    mean_r /= end - first
+    mean_z /= end - first
     spread = 0.0
     slope = 0.0
-    for k in range(len(r)):
+    for k in range(first, end):
         spread += (r[k] - mean_r) * (r[k] - mean_r)
         slope += (r[k] - mean_r) * (z[k] - mean_z)
     slope /= spread
@@ -177,7 +141,7 @@ def _is_ground_line(
     slope, offset = line
     if not limits.min_slope <= abs(slope) <= limits.max_slope:
         return False
-    for k in range(first, last + 1):
+    for k in range(last, first - 1, -1):
         if abs(slope * r[k] + offset - z[k]) > limits.max_fit_error:
             return False
     return True
@@ -186,7 +150,7 @@ def _is_ground_line(
 @compiled
 def _keep_line(r: _F64, z: _F64, first: int, end: int, line: _F64) -> float:
     """Write the line through prototypes first..end-1; return its height at its far end."""
-    slope, offset = _fit(r[first:end], z[first:end])
+    slope, offset = _fit(r, z, first, end)
     line[0] = r[first]
     line[1] = r[end - 1]
     line[2] = slope
@@ -195,65 +159,175 @@ def _keep_line(r: _F64, z: _F64, first: int, end: int, line: _F64) -> float:
 
 
 @compiled
+def bands_of_bins(
+    found: _Lines, lowest: _I32, grid: PolarGrid, max_distance: float, search_angle: float
+) -> _F32:
+    """Decide for each bin which heights are ground, which are not, and which need a closer look.
+
+    Where a segment has no line, the nearest segments that have one are asked, on both sides, up
+    to `search_angle` rad.
+
+    Returns:
+        (S * B, 4) float32: a point below the first or above the last height is not ground, one
+        from the second to the third is, at whatever range in the bin it lies.
+    """
+    lines, starts = found
+    steps = _steps_to_line(found, grid)
+    highest = _highest_line_by_bin(lines[: starts[-1]], grid) + max_distance
+    bands = np.empty((grid.segments * grid.bins, 4), np.float32)
+    step = 2.0 * math.pi / grid.segments
+    width = (grid.r_max - grid.r_min) / grid.bins
+    for k in range(len(lowest)):
+        s = k // grid.bins
+        b = k - s * grid.bins
+        away = steps[s, b]
+        bands[k] = np.inf
+        if lowest[k] < 0 or (away > 0 and away * step >= search_angle):
+            continue
+        near = grid.r_min + b * width - _ROUNDING_M
+        far = near + width + 2.0 * _ROUNDING_M
+        left = _line_over(lines, starts, (s + away) % grid.segments, near, far)
+        right = _line_over(lines, starts, (s - away) % grid.segments, near, far)
+        if left == _PARTLY or right == _PARTLY:
+            _set_band(bands[k], -np.inf, np.inf, -np.inf, highest[b])
+            continue
+        left, right = (left, max(right, left)) if left >= 0 else (right, right)
+        right = right if right >= 0 else left
+        low, high = _heights_over(lines[left], near, far)
+        other_low, other_high = _heights_over(lines[right], near, far)
+        _set_band(
+            bands[k],
+            min(low, other_low) - max_distance,
+            high - max_distance,
+            low + max_distance,
+            max(high, other_high) + max_distance,
+        )
+    return bands
+
+
+@compiled
+def _heights_over(line: _F64, near: float, far: float) -> tuple[float, float]:
+    """Return the least and the greatest height of a line between two ranges."""
+    at_near = line[2] * near + line[3]
+    at_far = line[2] * far + line[3]
+    return min(at_near, at_far), max(at_near, at_far)
+
+
+@compiled
+def _set_band(band: _F32, low: float, sure_low: float, sure_high: float, high: float) -> None:
+    """Write a band, with room for what float32 rounds away."""
+    band[0] = low - _BAND_ROUNDING_M - 1e-6 * abs(low)
+    band[1] = sure_low + _BAND_ROUNDING_M + 1e-6 * abs(sure_low)
+    band[2] = sure_high - _BAND_ROUNDING_M - 1e-6 * abs(sure_high)
+    band[3] = high + _BAND_ROUNDING_M + 1e-6 * abs(high)
+
+
+@compiled
+def _steps_to_line(found: _Lines, grid: PolarGrid) -> _I16:
+    """Return (S, B) how many segments away, at least, a line touches this bin."""
+    lines, starts = found
+    steps = np.full((grid.segments, grid.bins), grid.segments, np.int16)
+    for s in range(grid.segments):
+        for j in range(starts[s], starts[s + 1]):
+            start = bin_at(lines[j, 0] - _SPAN_MARGIN_M - _ROUNDING_M, grid)
+            end = bin_at(lines[j, 1] + _SPAN_MARGIN_M + _ROUNDING_M, grid)
+            steps[s, start : end + 1] = 0
+    for lap in range(2 * grid.segments):  # twice round, each way: the circle has no first segment
+        s = lap % grid.segments
+        _no_more_than_next(steps[s], steps[s - 1])
+        _no_more_than_next(steps[-1 - s], steps[(grid.segments - s) % grid.segments])
+    return steps
+
+
+@compiled
+def _no_more_than_next(steps: _I16, neighbour: _I16) -> None:
+    for b in range(len(steps)):
+        steps[b] = min(steps[b], neighbour[b] + np.int16(1))
+
+
+@compiled
+def _line_over(lines: _F64, starts: _I32, s: int, near: float, far: float) -> int:
+    """Return the last line of segment s that touches near..far: -1 is none, -2 covers a part."""
+    for j in range(starts[s + 1] - 1, starts[s] - 1, -1):
+        start = lines[j, 0] - _SPAN_MARGIN_M
+        end = lines[j, 1] + _SPAN_MARGIN_M
+        if start < far and end > near:
+            return j if start < near and end > far else _PARTLY
+    return _NO_LINE
+
+
+@compiled
 def label_points(
     points: _F32,
-    ranges: _F64,
-    segment: _I32,
-    lines: _F64,
-    count: _I32,
+    place: _I32,
+    bands: _F32,
+    found: _Lines,
     grid: PolarGrid,
     max_distance: float,
     search_angle: float,
 ) -> NDArray[np.bool_]:
     """Return (N,) bool: is a point within `max_distance` (vertically) of the line at its range?
 
-    Where the point's segment has no line, the nearest segments that have one are asked, on both
-    sides, up to `search_angle` rad.
+    Args:
+        points: (N, 3) float32, metres.
+        place: (N,) bin of each point, -1 outside the grid.
+        bands: (S * B, 4) from `bands_of_bins`, which settles nearly all points.
+        found: From `fit_lines`.
+        grid: S segments by B bins.
+        max_distance: Metres.
+        search_angle: As in `bands_of_bins`, rad.
     """
     labels = np.zeros(len(points), np.bool_)
-    nearest = _steps_to_line(lines, count, grid)
-    step = 2.0 * math.pi / grid.segments
     for i in range(len(points)):
-        s = segment[i]
-        if s < 0:
+        k = place[i]
+        if k < 0 or points[i, 2] < bands[k, 0] or points[i, 2] > bands[k, 3]:
             continue
-        r = ranges[i]
+        if bands[k, 1] <= points[i, 2] <= bands[k, 2]:
+            labels[i] = True
+            continue
+        x = np.float64(points[i, 0])
+        y = np.float64(points[i, 1])
         z = np.float64(points[i, 2])
-        k = nearest[s, _bin_at(r, grid)]
-        distance = np.inf
-        while distance == np.inf and (k == 0 or k * step < search_angle):
-            left = (s + k) % grid.segments
-            right = (s - k) % grid.segments
-            distance = min(
-                _distance(lines[left], count[left], r, z),
-                _distance(lines[right], count[right], r, z),
-            )
-            k += 1
+        r = math.sqrt(x * x + y * y)
+        distance = _distance_by_search(found, k // grid.bins, r, z, search_angle)
         labels[i] = distance < max_distance
     return labels
 
 
 @compiled
-def _distance(lines: _F64, count: int, r: float, z: float) -> float:
-    """Return the vertical distance to the last line that spans this range, inf without one."""
-    for j in range(count - 1, -1, -1):
-        if lines[j, 0] - _SPAN_MARGIN_M < r < lines[j, 1] + _SPAN_MARGIN_M:
-            return float(abs(z - (lines[j, 2] * r + lines[j, 3])))
-    return np.inf
+def _highest_line_by_bin(lines: _F64, grid: PolarGrid) -> _F64:
+    """Return (B,) the height that no line of any segment exceeds in this bin."""
+    highest = np.full(grid.bins, -np.inf)
+    width = (grid.r_max - grid.r_min) / grid.bins
+    for j in range(len(lines)):
+        start = bin_at(lines[j, 0] - _SPAN_MARGIN_M - _ROUNDING_M, grid)
+        end = bin_at(lines[j, 1] + _SPAN_MARGIN_M + _ROUNDING_M, grid)
+        for b in range(start, end + 1):
+            near = lines[j, 2] * (grid.r_min + b * width) + lines[j, 3]
+            rise = lines[j, 2] * width
+            highest[b] = max(highest[b], near, near + rise)
+    return highest
 
 
 @compiled
-def _steps_to_line(lines: _F64, count: _I32, grid: PolarGrid) -> _I32:
-    """Return (S, B) how many segments away, at least, a line touches this bin."""
-    steps = np.full((grid.segments, grid.bins), grid.segments, np.int32)
-    for s in range(grid.segments):
-        for j in range(count[s]):
-            start = _bin_at(lines[s, j, 0] - _SPAN_MARGIN_M, grid)
-            end = _bin_at(lines[s, j, 1] + _SPAN_MARGIN_M, grid)
-            steps[s, start : end + 1] = 0
-    for s in range(2 * grid.segments):  # twice round, each way: the circle has no first segment
-        forward = s % grid.segments
-        steps[forward] = np.minimum(steps[forward], steps[forward - 1] + 1)
-        back = -1 - forward
-        steps[back] = np.minimum(steps[back], steps[back + 1] + 1)
-    return steps
+def _distance_by_search(found: _Lines, s: int, r: float, z: float, search_angle: float) -> float:
+    """Return the vertical distance to the line of the nearest segment that has one at r, or inf."""
+    segments = len(found[1]) - 1
+    step = 2.0 * math.pi / segments
+    distance = np.inf
+    k = 0
+    while distance == np.inf and (k == 0 or k * step < search_angle):
+        left = _distance(found, (s + k) % segments, r, z)
+        distance = min(left, _distance(found, (s - k) % segments, r, z))
+        k += 1
+    return distance
+
+
+@compiled
+def _distance(found: _Lines, s: int, r: float, z: float) -> float:
+    """Return the vertical distance to the last line of segment s that spans r, or inf."""
+    lines, starts = found
+    for j in range(starts[s + 1] - 1, starts[s] - 1, -1):
+        if lines[j, 0] - _SPAN_MARGIN_M < r < lines[j, 1] + _SPAN_MARGIN_M:
+            return float(abs(z - (lines[j, 2] * r + lines[j, 3])))
+    return np.inf

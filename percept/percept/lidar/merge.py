@@ -14,7 +14,7 @@ from percept.core.errors import GeometryError, UsageError
 from percept.core.samples import PointCloud
 from percept.core.transform import Transform
 
-__all__ = ["ScanGrouper", "merge_clouds"]
+__all__ = ["ScanGrouper", "merge_clouds", "placed_cloud"]
 
 _Number = TypeVar("_Number", np.float32, np.int32)
 
@@ -160,7 +160,7 @@ class ScanGrouper:
 
 
 def merge_clouds(
-    clouds: Sequence[PointCloud], T_base_sensor: Mapping[str, Transform]
+    clouds: Sequence[PointCloud], T_base_sensors: Mapping[str, Transform]
 ) -> PointCloud:
     """Merge scans into one cloud in the base frame, with the first one's stamp.
 
@@ -168,17 +168,19 @@ def merge_clouds(
     all of them at its scan's stamp. Intensities stay in each sensor's own units, NaN for the
     points of a sensor that has none (None where no sensor has any). `ring` is the beam within
     its own sensor, -1 for the points of a sensor without rings (None where no sensor has any).
+    Points stay where they were measured: a vehicle that moves 1 m during a turn smears what two
+    sensors see at different times by up to that much.
 
     Args:
         clouds: One scan of each sensor, the reference first.
-        T_base_sensor: By frame name, all into one base frame.
+        T_base_sensors: By topic, all into one base frame.
 
     Raises:
-        GeometryError: If there is no cloud, a frame has no transform, or the bases differ.
+        GeometryError: If there is no cloud, a topic has no transform, or the bases differ.
     """
     if not clouds:
         raise GeometryError("there is no cloud to merge")
-    placed = [_in_base(cloud, T_base_sensor) for cloud in clouds]
+    placed = [_in_base(cloud, T_base_sensors) for cloud in clouds]
     bases = sorted({cloud.frame for cloud in placed})
     if len(bases) > 1:
         raise GeometryError(f"clouds of one group end in several base frames: {', '.join(bases)}")
@@ -196,14 +198,26 @@ def merge_clouds(
     )
 
 
-def _in_base(cloud: PointCloud, T_base_sensor: Mapping[str, Transform]) -> PointCloud:
-    if cloud.frame not in T_base_sensor:
+def placed_cloud(cloud: PointCloud, T_base_sensor: Transform) -> PointCloud:
+    """Return a cloud in the base frame.
+
+    The sensor's place counts, not the frame name in the log: drivers of several LiDARs often
+    share one name.
+
+    Args:
+        cloud: A scan in its sensor's frame.
+        T_base_sensor: Where that sensor sits.
+    """
+    return cloud.transformed(Transform(T_base_sensor.target, cloud.frame, T_base_sensor.matrix))
+
+
+def _in_base(cloud: PointCloud, T_base_sensors: Mapping[str, Transform]) -> PointCloud:
+    if cloud.topic not in T_base_sensors:
         raise GeometryError(
-            f"frame '{cloud.frame}' has no transform into the base frame",
-            where=cloud.topic,
+            f"'{cloud.topic}' has no transform into the base frame",
             remedy="Give a rig that places this sensor, or detect on each sensor separately",
         )
-    return cloud.transformed(T_base_sensor[cloud.frame])
+    return placed_cloud(cloud, T_base_sensors[cloud.topic])
 
 
 def _joined(

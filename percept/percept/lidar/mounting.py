@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.core.errors import GeometryError
+from percept.core.errors import ConfigError, GeometryError
 from percept.core.transform import Transform
 from percept.lidar.points import as_points
 
@@ -85,10 +85,10 @@ def check_sensor_height(height_m: float, where: object = "sensor height") -> flo
     Clouds in a vehicle's base frame have heights near 0 (0.2 to 0.4 m in an axle frame).
 
     Raises:
-        GeometryError: Unless 0 <= height_m <= 5.
+        ConfigError: Unless 0 <= height_m <= 5.
     """
     if not 0.0 <= height_m <= HIGHEST_SENSOR_M:
-        raise GeometryError(
+        raise ConfigError(
             f"a sensor {height_m:.2f} m over the ground cannot be on a vehicle",
             where=where,
             remedy=f"Give a height from 0 to {HIGHEST_SENSOR_M:g} m",
@@ -169,7 +169,8 @@ def _find_plane(points: NDArray[np.float32]) -> _Plane | None:
     if score[best] <= 0:
         return None
     plane = _refined(near, weights, normals[best], heights[best])
-    return plane if plane.share >= _LEAST_SHARE else None
+    level = abs(plane.normal[2]) >= np.cos(np.radians(_LARGEST_TILT_DEG))
+    return plane if level and plane.share >= _LEAST_SHARE else None
 
 
 def _thin(points: NDArray[np.float32]) -> _F32:

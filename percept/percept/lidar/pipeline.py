@@ -30,7 +30,7 @@ from percept.lidar.density import fill_of
 from percept.lidar.elevation import ground_height_at
 from percept.lidar.ground import GroundConfig, segment_ground
 from percept.lidar.intensity import IntensityConfig, IntensityScale, normalise_intensity
-from percept.lidar.mounting import Mounting
+from percept.lidar.mounting import Mounting, check_sensor_height
 from percept.lidar.result import ScanResult
 
 __all__ = ["LidarConfig", "LidarDetector", "ObjectClusterConfig"]
@@ -75,6 +75,8 @@ class LidarConfig(Settings):
             raise ConfigError(
                 "the sensor height stands in 'sensor_height_m', not in 'ground.sensor_height_m'"
             )
+        if self.sensor_height_m is not None:
+            check_sensor_height(self.sensor_height_m, where="sensor_height_m")
         if self.min_range_m >= self.max_range_m:
             raise ConfigError(
                 f"min_range_m {self.min_range_m} must be below max_range_m {self.max_range_m}"
@@ -196,6 +198,8 @@ class LidarDetector:
     ) -> ClusterFeatures:
         _, _, z, length, width, height, _ = boxes.boxes_m.T
         ground_z = ground_height_at(boxes.boxes_m[:, :2], points[ground], -self.mounting.height_m)
+        # Where the ground is not seen it is taken from elsewhere, but no object reaches below it.
+        ground_z = np.minimum(ground_z, z - height / 2)
         rho = np.full(len(boxes), np.nan)
         if self.intensity_scale is not None and cloud.intensity is not None:
             inside = np.flatnonzero(ids >= 0)

@@ -15,7 +15,7 @@ from percept.lidar.classify import load_rules
 from percept.lidar.density import estimate_density
 from percept.lidar.ground import segment_ground
 from percept.lidar.intensity import IntensityScale, estimate_intensity_scale
-from percept.lidar.mounting import Mounting, check_sensor_height, estimate_mounting
+from percept.lidar.mounting import Mounting, estimate_mounting
 from percept.lidar.pipeline import LidarConfig, LidarDetector
 
 __all__ = ["prepare_detector"]
@@ -27,6 +27,7 @@ def prepare_detector(
     *,
     sensor: str = "",
     T_base_sensor: Transform | None = None,
+    merged: bool = False,
 ) -> LidarDetector:
     """Make the detector of one sensor from its first few clouds.
 
@@ -36,6 +37,8 @@ def prepare_detector(
         sensor: Name that the detections carry; the clouds' topic where it is empty.
         T_base_sensor: From the rig, where it is known: its rotation levels the points, so that
             a start on a hill does not count as tilt. Without it the ground plane levels them.
+        merged: The clouds come from `merge_clouds`: then there is no one origin from which the
+            density of a surface could be told, and the rules go without `fill`.
 
     Returns:
         A detector for all clouds of that frame.
@@ -62,7 +65,9 @@ def prepare_detector(
     return replace(
         detector,
         intensity_scale=_intensity_scale(filled, detector),
-        density=estimate_density([detector.levelled(cloud) for cloud in filled]),
+        density=None
+        if merged
+        else estimate_density([detector.levelled(cloud) for cloud in filled]),
     )
 
 
@@ -71,8 +76,6 @@ def _mounting(
 ) -> Mounting:
     frame = clouds[0].frame
     height_m = config.sensor_height_m
-    if height_m is not None:
-        check_sensor_height(height_m, where="sensor_height_m")
     if not config.level:
         fixed = np.eye(3)
     elif T_base_sensor is not None:

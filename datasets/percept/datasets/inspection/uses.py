@@ -155,5 +155,5 @@ def _overlap(first: TopicReport, *others: TopicReport) -> bool:
 
 
 def _names(topics: Sequence[TopicReport]) -> str:
-    shown = ", ".join(t.topic for t in topics[:3])
-    return shown + (f" and {len(topics) - 3} more" if len(topics) > 3 else "")
+    shown = ", ".join(t.topic for t in topics[:4])
+    return shown + (f" and {len(topics) - 4} more" if len(topics) > 4 else "")

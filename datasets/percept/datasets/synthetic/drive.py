@@ -24,6 +24,13 @@ from percept.datasets.synthetic.lanelet_map import make_map, write_map
 from percept.datasets.synthetic.layout import BLOCK_M
 from percept.datasets.synthetic.lidar import SCAN_PERIOD_NS, LidarModel, LidarScan, scan_world
 from percept.datasets.synthetic.navigation import Navigation
+from percept.datasets.synthetic.sensor_rig import (
+    BASE,
+    CAMERA_NAMES,
+    make_cameras,
+    make_lidars,
+    make_rig,
+)
 from percept.datasets.synthetic.truth import (
     LIGHT_COLUMNS,
     OBJECT_COLUMNS,
@@ -33,7 +40,6 @@ from percept.datasets.synthetic.truth import (
     write_markings,
     write_poses,
 )
-from percept.datasets.synthetic.vehicle import BASE, make_cameras, make_lidars, make_rig
 from percept.datasets.synthetic.world import World
 
 if TYPE_CHECKING:
@@ -103,6 +109,7 @@ class Drive:
         ego: The exact motion of the vehicle.
         lidars: The LiDARs.
         cameras: The cameras that are rendered.
+        duration_ns: Length.
         rig: The exact rig of both.
         scans: Number of scans of every LiDAR.
 
@@ -200,12 +207,17 @@ class Drive:
         T_map_base = Transform("map", BASE, self.ego.poses(np.array([time_s]))[0])
         T_base_cam = camera.T_base_sensor or Transform.identity(BASE, camera.frame)
         light = RenderConfig.model_validate(
-            {"noise_sd": _IMAGE_NOISE_SD * config.noise, "seed": config.seed * 100_003 + number}
+            {"noise_sd": _IMAGE_NOISE_SD * config.noise, "seed": self._image_seed(camera, number)}
         )
         mesh = street_mesh(self.world, time_s, float(T_map_base.translation_m[0]))
         T_cam_map = (T_map_base @ T_base_cam).inverse()
         pixels = render_image(mesh, camera.pinhole(), T_cam_map, light)
         return CameraImage(topic=camera.topic or "", pixels=pixels, encoding="jpeg", **head)
+
+    def _image_seed(self, camera: CameraSensor, number: int) -> int:
+        """Return a seed of its own for every image of every camera."""
+        places = [self.config.seed, 40 + CAMERA_NAMES.index(camera.name), number]
+        return int(np.random.default_rng(places).integers(2**31))
 
 
 def generate_drive(

@@ -141,7 +141,7 @@ def make_tree(rng: np.random.Generator) -> Shape:
 def make_building(rng: np.random.Generator, length_m: float) -> Shape:
     """Draw a building of a given length that reaches 1.5 m into the ground."""
     depth, height = rng.uniform(8, 12), rng.uniform(6, 16)
-    wall = Material(tint(rng, 0.25, 0.6), rng.uniform(0.3, 0.6))
+    wall = Material(tint(rng, 0.34, 0.52), rng.uniform(0.3, 0.6))
     parts = [
         box((0, 0, height / 2 - 0.75), (length_m, depth, height + 1.5), wall),
         box((0, 0, height + 0.1), (length_m + 0.4, depth + 0.4, 0.3), _STEEL),

@@ -145,8 +145,8 @@ CONVEYORS: tuple[Conveyor, ...] = (
     Conveyor(2, -1.75, 10.0, 45.0, 0.7, _TRAFFIC),
     Conveyor(3, 1.75, -9.0, 45.0, 0.8, _TRAFFIC),
     Conveyor(4, 5.25, -7.0, 50.0, 0.7, _TRAFFIC),
-    Conveyor(5, -7.55, 4.0, 32.0, 0.8, (make_cyclist,)),
-    Conveyor(6, 7.55, -4.5, 40.0, 0.8, (make_cyclist,)),
+    Conveyor(5, -7.15, 4.0, 32.0, 0.8, (make_cyclist,)),
+    Conveyor(6, 7.15, -4.5, 40.0, 0.8, (make_cyclist,)),
     Conveyor(7, -11.7, 1.3, 14.0, 0.7, (make_pedestrian,)),
     Conveyor(8, -12.6, -1.2, 18.0, 0.6, (make_pedestrian,)),
     Conveyor(9, 11.7, -1.3, 16.0, 0.7, (make_pedestrian,)),
@@ -167,7 +167,7 @@ def slot_objects(seed: int, conveyor: Conveyor, slot: int) -> tuple[Placed, ...]
     if conveyor.number in _EGO_BELTS and abs(x - EGO_START_X_M) < 20.0:
         return ()
     yaw = 0.0 if conveyor.speed_mps > 0 else float(np.pi)
-    y = conveyor.y_m + rng.uniform(-0.12, 0.12)
+    y = conveyor.y_m + rng.uniform(-0.06, 0.06)
     identity = _identity(conveyor.number, slot, 0)
     return (Placed(identity, shape, float(x), float(y), 0.0, yaw, conveyor.speed_mps),)
 
@@ -199,17 +199,16 @@ _Place = tuple[Shape, float, float, float]
 
 
 def _parked(rng: np.random.Generator) -> Iterator[_Place]:
-    """Yield parked cars, and now and then a truck, in the parking lanes."""
-    for side, places in (
-        (-1, (4, 10.5, 17, 23.5, 30, 36.5, 79, 85.5, 92)),
-        (1, (6, 13, 20, 27, 34, 41, 48, 55, 90)),
-    ):
+    """Yield parked cars in the parking lanes, and a truck in the last place of each."""
+    right = (4.0, 10.5, 17.0, 23.5, 30.0, 36.5, 81.0, 91.0)
+    left = (6.0, 13.0, 20.0, 27.0, 34.0, 41.0, 48.0, 55.0, 90.0)
+    for side, places in ((-1, right), (1, left)):
         for x in places:
             if rng.uniform() > _PARKED_SHARE:
                 continue
-            shape = make_truck(rng) if x in (92, 90) else make_car(rng)
-            yaw = (0.0 if side < 0 else np.pi) + rng.normal(0, 0.02)
-            y = side * (10.05 - shape.width_m / 2)
+            shape = make_truck(rng) if x == places[-1] else make_car(rng)
+            yaw = (0.0 if side < 0 else np.pi) + rng.uniform(-0.01, 0.01)
+            y = side * (10.15 - shape.width_m / 2)
             yield shape, x + rng.uniform(-0.4, 0.4), y, float(yaw)
 
 
@@ -225,9 +224,12 @@ def _works(rng: np.random.Generator) -> Iterator[_Place]:
 
 
 def _wildlife(rng: np.random.Generator) -> Iterator[_Place]:
-    """Yield deer on the verge and at the roadside."""
-    for x, y in ((74.5, -9.0), (68, 14.4), (83, 8.9), (100, -14.3), (106, 14.3)):
+    """Yield deer on the verge, which look anywhere, and at the roadside, along the street."""
+    for x, y in ((68, 14.4), (100, -14.3), (106, 14.3)):
         yield make_deer(rng), x + rng.uniform(-1, 1), y, float(rng.uniform(-np.pi, np.pi))
+    for x, y in ((76, -8.8), (83, 8.8)):
+        yaw = rng.choice([0.0, np.pi]) + rng.uniform(-0.3, 0.3)
+        yield make_deer(rng), x + rng.uniform(-0.3, 0.3), y, float(yaw)
 
 
 def _signs(rng: np.random.Generator) -> Iterator[_Place]:

@@ -18,7 +18,7 @@ from percept.core.samples import GnssFix, ImuSample, OdometrySample, Sample, Tra
 from percept.core.transform import Transform, quat_xyzw_from_matrix, rotation_from_rpy
 from percept.datasets.synthetic.ego import EgoMotion
 from percept.datasets.synthetic.geodesy import LocalFrame
-from percept.datasets.synthetic.vehicle import BASE, T_BASE_GNSS, T_BASE_IMU
+from percept.datasets.synthetic.sensor_rig import BASE, T_BASE_GNSS, T_BASE_IMU
 
 __all__ = ["GNSS_TOPIC", "IMU_TOPIC", "ODOMETRY_TOPIC", "Navigation"]
 
@@ -30,8 +30,9 @@ _IMU_DELAY_NS, _ODOMETRY_DELAY_NS, _GNSS_DELAY_NS = NS_PER_MS, 3 * NS_PER_MS, 30
 _GYRO_SD_RADPS, _ACCELERATION_SD_MPS2, _TILT_SD_RAD = 0.002, 0.03, 0.001
 _GYRO_BIAS_RADPS, _ACCELERATION_BIAS_MPS2 = 0.001, 0.02
 _GNSS_SD_M = np.array([0.015, 0.015, 0.03])
-_SCALE_SD, _TURN_SD_RADPS, _SPEED_SD_MPS = 0.004, 0.0004, 0.02
+_SCALE_SD, _TURN_SD_RADPS, _SPEED_SD_MPS = 0.004, 0.0002, 0.02
 _RTK_STATUS = 2
+_PORTION = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,45 +56,46 @@ class Navigation:
         rng = np.random.default_rng([self.seed, 11])
         gyro_bias = self.noise * rng.normal(0, _GYRO_BIAS_RADPS, 3)
         force_bias = self.noise * rng.normal(0, _ACCELERATION_BIAS_MPS2, 3)
-        for stamp_ns in self._stamps(duration_ns, _IMU_STEP_NS):
-            time_s = np.atleast_1d(self.ego.seconds(stamp_ns))
-            pose = self.ego.poses(time_s)[0] @ T_BASE_IMU.matrix
-            acceleration = self.ego.acceleration_map(time_s, T_BASE_IMU.translation_m)[0]
-            force = pose[:3, :3].T @ (acceleration + _UP_MPS2)
-            turning = T_BASE_IMU.rotation.T @ self.ego.twist(time_s)[1][0]
-            tilt = rotation_from_rpy(*(self.noise * rng.normal(0, _TILT_SD_RAD, 3)))
-            yield ImuSample(
-                topic=IMU_TOPIC,
-                stamp_ns=stamp_ns,
-                log_time_ns=stamp_ns + _IMU_DELAY_NS,
-                frame=T_BASE_IMU.source,
-                angular_velocity_radps=turning
-                + gyro_bias
-                + self.noise * rng.normal(0, _GYRO_SD_RADPS, 3),
-                linear_acceleration_mps2=force
-                + force_bias
-                + self.noise * rng.normal(0, _ACCELERATION_SD_MPS2, 3),
-                quat_xyzw=quat_xyzw_from_matrix(pose[:3, :3] @ tilt),
-            )
+        for stamps_ns in self._stamps(duration_ns, _IMU_STEP_NS):
+            times_s = self.ego.seconds(stamps_ns)
+            R_map_imu = self.ego.poses(times_s)[:, :3, :3] @ T_BASE_IMU.rotation
+            acceleration = self.ego.acceleration_map(times_s, T_BASE_IMU.translation_m)
+            force = np.einsum("nji,nj->ni", R_map_imu, acceleration + _UP_MPS2)
+            turning = self.ego.twist(times_s)[1] @ T_BASE_IMU.rotation
+            for n, stamp_ns in enumerate(stamps_ns.tolist()):
+                tilt, gyro, accelerometer = self.noise * rng.standard_normal((3, 3))
+                tilted = R_map_imu[n] @ rotation_from_rpy(*(_TILT_SD_RAD * tilt))
+                yield ImuSample(
+                    topic=IMU_TOPIC,
+                    stamp_ns=stamp_ns,
+                    log_time_ns=stamp_ns + _IMU_DELAY_NS,
+                    frame=T_BASE_IMU.source,
+                    angular_velocity_radps=turning[n] + gyro_bias + _GYRO_SD_RADPS * gyro,
+                    linear_acceleration_mps2=force[n]
+                    + force_bias
+                    + _ACCELERATION_SD_MPS2 * accelerometer,
+                    quat_xyzw=quat_xyzw_from_matrix(tilted),
+                )
 
     def gnss(self, duration_ns: int) -> Iterator[Sample]:
         """Yield fixes of the antenna at 10 Hz."""
         rng = np.random.default_rng([self.seed, 12])
-        for stamp_ns in self._stamps(duration_ns, _GNSS_STEP_NS):
-            pose = self._pose(stamp_ns) @ T_BASE_GNSS
-            error = self.noise * _GNSS_SD_M * rng.standard_normal(3)
-            latitude, longitude, altitude = self.origin.geodetic(pose.translation_m + error)
-            yield GnssFix(
-                topic=GNSS_TOPIC,
-                stamp_ns=stamp_ns,
-                log_time_ns=stamp_ns + _GNSS_DELAY_NS,
-                frame=T_BASE_GNSS.source,
-                latitude_deg=latitude,
-                longitude_deg=longitude,
-                altitude_m=altitude,
-                status=_RTK_STATUS,
-                covariance_m2=np.diag((max(self.noise, 0.01) * _GNSS_SD_M) ** 2),
-            )
+        for stamps_ns in self._stamps(duration_ns, _GNSS_STEP_NS):
+            antenna = self.ego.poses(self.ego.seconds(stamps_ns)) @ T_BASE_GNSS.matrix[:, 3]
+            for point, stamp_ns in zip(antenna[:, :3], stamps_ns.tolist(), strict=True):
+                error = self.noise * _GNSS_SD_M * rng.standard_normal(3)
+                latitude, longitude, altitude = self.origin.geodetic(point + error)
+                yield GnssFix(
+                    topic=GNSS_TOPIC,
+                    stamp_ns=stamp_ns,
+                    log_time_ns=stamp_ns + _GNSS_DELAY_NS,
+                    frame=T_BASE_GNSS.source,
+                    latitude_deg=latitude,
+                    longitude_deg=longitude,
+                    altitude_m=altitude,
+                    status=_RTK_STATUS,
+                    covariance_m2=np.diag((max(self.noise, 0.01) * _GNSS_SD_M) ** 2),
+                )
 
     def odometry(self, duration_ns: int) -> Iterator[Sample]:
         """Yield odometry at 50 Hz, and the same pose as tf from `odom` to the vehicle.
@@ -103,27 +105,30 @@ class Navigation:
         rng = np.random.default_rng([self.seed, 13])
         scale = 1 + self.noise * float(rng.normal(0, _SCALE_SD))
         turn_radps = self.noise * float(rng.normal(0, _TURN_SD_RADPS))
-        T_start_map = self._pose(self.ego.start_ns).inverse().matrix
-        for stamp_ns in self._stamps(duration_ns, _ODOMETRY_STEP_NS):
-            time_s = np.atleast_1d(self.ego.seconds(stamp_ns))
-            matrix = T_start_map @ self.ego.poses(time_s)[0]
-            drift = rotation_from_rpy(0.0, 0.0, turn_radps * float(time_s[0]))
-            matrix[:3, :3] = drift @ matrix[:3, :3]
-            matrix[:3, 3] = scale * drift @ matrix[:3, 3]
-            T_odom_base = Transform("odom", BASE, matrix)
-            velocity, turning = (part[0] for part in self.ego.twist(time_s))
-            head = {"stamp_ns": stamp_ns, "log_time_ns": stamp_ns + _ODOMETRY_DELAY_NS}
-            yield OdometrySample(
-                topic=ODOMETRY_TOPIC,
-                frame="odom",
-                T_frame_child=T_odom_base,
-                linear_velocity_mps=velocity + self.noise * rng.normal(0, _SPEED_SD_MPS, 3),
-                angular_velocity_radps=turning + self.noise * rng.normal(0, _GYRO_SD_RADPS, 3),
-                **head,
-            )
-            yield TransformSample(
-                topic="/tf", frame="odom", T_frame_child=T_odom_base, static=False, **head
-            )
+        T_map_odom = Transform("map", "odom", self.ego.poses(np.zeros(1))[0])
+        T_odom_map = T_map_odom.inverse().matrix
+        for stamps_ns in self._stamps(duration_ns, _ODOMETRY_STEP_NS):
+            times_s = self.ego.seconds(stamps_ns)
+            matrices = T_odom_map @ self.ego.poses(times_s)
+            velocity, turning = self.ego.twist(times_s)
+            for n, stamp_ns in enumerate(stamps_ns.tolist()):
+                drift = rotation_from_rpy(0.0, 0.0, turn_radps * float(times_s[n]))
+                matrices[n, :3, :3] = drift @ matrices[n, :3, :3]
+                matrices[n, :3, 3] = scale * drift @ matrices[n, :3, 3]
+                T_odom_base = Transform("odom", BASE, matrices[n])
+                speed, turn = self.noise * rng.standard_normal((2, 3))
+                head = {"stamp_ns": stamp_ns, "log_time_ns": stamp_ns + _ODOMETRY_DELAY_NS}
+                yield OdometrySample(
+                    topic=ODOMETRY_TOPIC,
+                    frame="odom",
+                    T_frame_child=T_odom_base,
+                    linear_velocity_mps=velocity[n] + _SPEED_SD_MPS * speed,
+                    angular_velocity_radps=turning[n] + _GYRO_SD_RADPS * turn,
+                    **head,
+                )
+                yield TransformSample(
+                    topic="/tf", frame="odom", T_frame_child=T_odom_base, static=False, **head
+                )
 
     def static_transforms(self, rig: Rig) -> Iterator[Sample]:
         """Yield the latched transforms from `base_link` to every sensor."""
@@ -138,9 +143,9 @@ class Navigation:
                 static=True,
             )
 
-    def _pose(self, stamp_ns: int) -> Transform:
-        pose: NDArray[np.float64] = self.ego.poses(np.atleast_1d(self.ego.seconds(stamp_ns)))
-        return Transform("map", BASE, pose[0])
-
-    def _stamps(self, duration_ns: int, step_ns: int) -> Iterator[int]:
-        yield from range(self.ego.start_ns, self.ego.start_ns + duration_ns + 1, step_ns)
+    def _stamps(self, duration_ns: int, step_ns: int) -> Iterator[NDArray[np.int64]]:
+        """Yield the stamps of a stream in portions, so that poses come many at a time."""
+        portion_ns = _PORTION * step_ns
+        end_ns = self.ego.start_ns + duration_ns + 1
+        for first_ns in range(self.ego.start_ns, end_ns, portion_ns):
+            yield np.arange(first_ns, min(first_ns + portion_ns, end_ns), step_ns, dtype=np.int64)

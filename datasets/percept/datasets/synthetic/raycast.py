@@ -2,6 +2,9 @@
 
 All beams of one column leave at one time and lie in one plane through the spin axis, so the
 objects that a column can meet are found once: those whose bounding sphere touches the plane.
+
+Numba keeps compiled kernels by the time of this file alone: after a change to `ray_primitives`
+or to a constant of `terrain`, touch this file too.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ are no cast shadows.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -19,15 +19,15 @@ from percept.core.errors import GeometryError
 from percept.core.settings import Settings
 from percept.core.transform import Transform
 from percept.datasets.synthetic.camera import undistorted_view
+from percept.datasets.synthetic.edge_kernels import settle_edges
 from percept.datasets.synthetic.mesh import Mesh
-from percept.datasets.synthetic.render_kernels import gather, rasterise, shine
+from percept.datasets.synthetic.render_kernels import Lighting, gather, rasterise, shine
 
 __all__ = ["RenderConfig", "render_image"]
 
 # A layer brings a face this share of its depth nearer: more than rounding, less than a sheet
 # of paper at the distances where anything of it is seen.
 _LAYER_STEP = 1e-4
-_DISPLAY_GAMMA = 2.2
 _TONE_STEPS = 1 << 16
 
 Colour = tuple[float, float, float]
@@ -44,21 +44,23 @@ class RenderConfig(Settings):
         sky_zenith_rgb: Linear colour of the sky overhead.
         sky_horizon_rgb: Linear colour of the sky at the horizon, and of the haze.
         fog_per_m: Extinction of the haze; 0 is clear air, 0.01 is a visibility of about 400 m.
+        gamma: Picture values are light to the power of 1 / gamma; 1 for a linear sensor.
         supersampling: Samples along each side of a pixel.
         noise_sd: Standard deviation of the sensor's noise, in grey levels; 0 for none.
         seed: Of the noise; give each image its own.
     """
 
     sun_direction_map: tuple[float, float, float] = (-0.4, 0.5, 0.8)
-    sun: float = Field(0.75, ge=0)
-    ambient: float = Field(0.45, ge=0)
-    exposure: float = Field(1.0, gt=0)
+    sun: float = Field(default=0.75, ge=0)
+    ambient: float = Field(default=0.45, ge=0)
+    exposure: float = Field(default=1.0, gt=0)
     sky_zenith_rgb: Colour = (0.16, 0.34, 0.72)
     sky_horizon_rgb: Colour = (0.66, 0.74, 0.82)
-    fog_per_m: float = Field(0.0, ge=0)
-    supersampling: int = Field(2, ge=1, le=8)
-    noise_sd: float = Field(1.5, ge=0)
-    seed: int = Field(0, ge=0)
+    fog_per_m: float = Field(default=0.0, ge=0)
+    gamma: float = Field(default=2.2, gt=0)
+    supersampling: int = Field(default=2, ge=1, le=8)
+    noise_sd: float = Field(default=1.5, ge=0)
+    seed: int = Field(default=0, ge=0)
 
 
 def render_image(
@@ -86,17 +88,17 @@ def render_image(
     face_at = np.full((view.height, view.width), -1, np.int32)
     bias = 1.0 + _LAYER_STEP * mesh_map.layer.astype(np.float64)
     rasterise(vertices_cam, mesh_map.faces, bias, view.grid, inverse_depth, face_at)
-    light = shine(
-        face_at,
-        inverse_depth,
+    up = T_cam_map.rotation[:, 2]
+    lighting = Lighting(
         _face_light(mesh_map, T_cam_map.inverse().translation_m, config),
-        view.grid,
-        T_cam_map.rotation[:, 2].copy(),
-        _bgr(config.sky_zenith_rgb) * np.float32(config.exposure),
-        _bgr(config.sky_horizon_rgb) * np.float32(config.exposure),
+        _bgr(config.sky_zenith_rgb, config.exposure),
+        _bgr(config.sky_horizon_rgb, config.exposure),
+        (float(up[0]), float(up[1]), float(up[2])),
         config.fog_per_m,
     )
-    return _exposed(gather(light, view.lattice, config.supersampling, _tone()), config)
+    light = shine(face_at, inverse_depth, view.grid, lighting)
+    settle_edges(light, face_at, inverse_depth, vertices_cam, mesh_map.faces, view.grid, lighting)
+    return _exposed(gather(light, view.lattice, config.supersampling, _tone(config.gamma)), config)
 
 
 def _face_light(
@@ -126,12 +128,13 @@ def _exposed(picture: NDArray[np.float32], config: RenderConfig) -> NDArray[np.u
     return rounded
 
 
-@cache
-def _tone() -> NDArray[np.float32]:
+@lru_cache(maxsize=4)
+def _tone(gamma: float) -> NDArray[np.float32]:
     """Return the picture value of linear light 0..1, in even steps."""
     linear = np.linspace(0.0, 1.0, _TONE_STEPS)
-    return (255 * linear ** (1 / _DISPLAY_GAMMA)).astype(np.float32)
+    return (255 * linear ** (1 / gamma)).astype(np.float32)
 
 
-def _bgr(rgb: Colour) -> NDArray[np.float32]:
-    return np.array(rgb[::-1], dtype=np.float32)
+def _bgr(rgb: Colour, exposure: float) -> Colour:
+    red, green, blue = rgb
+    return blue * exposure, green * exposure, red * exposure

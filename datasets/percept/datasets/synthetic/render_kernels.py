@@ -8,18 +8,45 @@ shows into linear light (`shine`), and samples into the pixels of the distorted 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["gather", "rasterise", "shine", "undistorted_lattice"]
+__all__ = [
+    "Lighting",
+    "gather",
+    "light_of",
+    "project_clipped",
+    "rasterise",
+    "shine",
+    "undistorted_lattice",
+]
 
 _NEWTON_STEPS = 30
 _CONVERGED = 1e-12
 # Triangles are cut here, in metres before the camera.
 _NEAR_M = 0.05
 _EDGE_ON = 1e-12
+
+
+class Lighting(NamedTuple):
+    """What the parts of a scene send to the camera, in linear light.
+
+    Attributes:
+        faces: (F, 3) float32 of each face.
+        zenith: Of the sky overhead.
+        horizon: Of the sky at and below the horizon, and of the haze.
+        up_cam: The world's up in the optical frame.
+        fog_per_m: Extinction of the haze (Koschmieder 1924), 1/m.
+    """
+
+    faces: NDArray[np.float32]
+    zenith: tuple[float, float, float]
+    horizon: tuple[float, float, float]
+    up_cam: tuple[float, float, float]
+    fog_per_m: float
 
 
 @njit(cache=True)
@@ -99,7 +126,7 @@ def rasterise(
     """
     polygon = np.empty((4, 2))
     for face in range(len(faces)):
-        corners = _project_clipped(vertices_cam, faces[face], grid, polygon)
+        corners = project_clipped(vertices_cam, faces[face], grid, polygon)
         if corners < 3:
             continue
         plane = _inverse_depth_plane(vertices_cam, faces[face], grid, bias[face])
@@ -107,7 +134,7 @@ def rasterise(
 
 
 @njit(cache=True)
-def _project_clipped(
+def project_clipped(
     vertices_cam: NDArray[np.float64],
     corners_of_face: NDArray[np.int32],
     grid: tuple[float, float, float, float],
@@ -199,46 +226,56 @@ def _span(polygon: NDArray[np.float64], row: int) -> tuple[float, float]:
 def shine(
     face_at: NDArray[np.int32],
     inverse_depth: NDArray[np.float32],
-    face_light: NDArray[np.float32],
     grid: tuple[float, float, float, float],
-    up_cam: NDArray[np.float64],
-    zenith: NDArray[np.float32],
-    horizon: NDArray[np.float32],
-    fog_per_m: float,
+    lighting: Lighting,
 ) -> NDArray[np.float32]:
-    """Return the linear light (H, W, 3) of every sample: its face through the haze, or the sky.
+    """Return the linear light (H, W, 3) of what every sample hits.
 
     Args:
         face_at: (H, W) face index, -1 for the sky.
         inverse_depth: (H, W) 1/m.
-        face_light: (F, 3) linear light that each face sends out.
         grid: fx, fy, cx, cy of the sample grid.
-        up_cam: (3,) the world's up in the optical frame.
-        zenith: (3,) colour of the sky overhead.
-        horizon: (3,) colour of the sky at and below the horizon, and of the haze.
-        fog_per_m: Extinction of the haze (Koschmieder 1924), 1/m.
+        lighting: What faces, sky and haze send out.
     """
     height, width = face_at.shape
-    fx, fy, cx, cy = grid
     light = np.empty((height, width, 3), np.float32)
-    ux, uy, uz = up_cam
     for row in range(height):
-        y = (row - cy) / fy
         for column in range(width):
-            face = face_at[row, column]
-            if face >= 0:
-                clear = np.float32(1.0)
-                if fog_per_m > 0:
-                    clear = np.float32(math.exp(-fog_per_m / inverse_depth[row, column]))
-                for k in range(3):
-                    light[row, column, k] = horizon[k] + clear * (face_light[face, k] - horizon[k])
-                continue
-            x = (column - cx) / fx
-            rise = (ux * x + uy * y + uz) / math.sqrt(x * x + y * y + 1.0)
-            overhead = np.float32(math.sqrt(max(rise, 0.0)))
-            for k in range(3):
-                light[row, column, k] = horizon[k] + overhead * (zenith[k] - horizon[k])
+            face, near = face_at[row, column], inverse_depth[row, column]
+            seen = light_of(face, near, row, column, grid, lighting)
+            light[row, column, 0], light[row, column, 1], light[row, column, 2] = seen
     return light
+
+
+@njit(cache=True)
+def light_of(
+    face: int,
+    near: float,
+    row: int,
+    column: int,
+    grid: tuple[float, float, float, float],
+    lighting: Lighting,
+) -> tuple[float, float, float]:
+    """Return the linear light of a face through the haze, or of the sky where face is -1."""
+    low0, low1, low2 = lighting.horizon
+    if face >= 0:
+        share = 1.0
+        if lighting.fog_per_m > 0:
+            share = math.exp(-lighting.fog_per_m / near)
+        top0, top1, top2 = (
+            lighting.faces[face, 0], lighting.faces[face, 1], lighting.faces[face, 2],
+        )  # fmt: skip
+    else:
+        x, y = (column - grid[2]) / grid[0], (row - grid[3]) / grid[1]
+        ux, uy, uz = lighting.up_cam
+        rise = (ux * x + uy * y + uz) / math.sqrt(x * x + y * y + 1.0)
+        share = math.sqrt(max(rise, 0.0))
+        top0, top1, top2 = lighting.zenith
+    return (
+        low0 + share * (top0 - low0),
+        low1 + share * (top1 - low1),
+        low2 + share * (top2 - low2),
+    )
 
 
 @njit(cache=True)

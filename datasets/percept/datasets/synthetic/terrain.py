@@ -8,6 +8,7 @@ the ground in closed form.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ LINES: tuple[PaintedLine, ...] = (
 """Two lanes each way: a double yellow centre line, dashed dividers, solid edge lines."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Profile:
     """Height of the road over x, linear between knots, repeating itself for ever.
 
@@ -103,17 +104,22 @@ class Profile:
         index = np.floor(x_m / KNOT_SPACING_M).astype(np.int64)
         return index, x_m / KNOT_SPACING_M - index
 
+    @cached_property
+    def _area_before(self) -> NDArray[np.float64]:
+        """Integral from knot 0 to every knot (N + 1,), m^2."""
+        pieces = (self.heights_m + np.roll(self.heights_m, -1)) / 2 * KNOT_SPACING_M
+        return np.concatenate([[0.0], np.cumsum(pieces)])
+
     def _area(self, x_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Integrate the height from 0 to x: whole pieces, and a part of the last one."""
         index, share = self._place(x_m)
         count = len(self.heights_m)
-        after = np.roll(self.heights_m, -1)
-        pieces = (self.heights_m + after) / 2 * KNOT_SPACING_M
-        before_piece = np.concatenate([[0.0], np.cumsum(pieces)])
         rounds, inside = index // count, index % count
-        first = self.heights_m[inside]
-        part = (first + (after[inside] - first) * share / 2) * share * KNOT_SPACING_M
-        area: NDArray[np.float64] = rounds * before_piece[-1] + before_piece[inside] + part
+        first, after = self.heights_m[inside], self.heights_m[(inside + 1) % count]
+        part = (first + (after - first) * share / 2) * share * KNOT_SPACING_M
+        area: NDArray[np.float64] = (
+            rounds * self._area_before[-1] + self._area_before[inside] + part
+        )
         return area
 
 

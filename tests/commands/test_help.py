@@ -1,0 +1,56 @@
+"""Help: every command has one, and its example runs as it stands."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+_COMMANDS = [[], ["demo"], ["inspect"], ["detect"], ["synth"], ["synth", "drive"], ["view"]]
+_ENVIRONMENT = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+_NO_SCREEN = {k: v for k, v in _ENVIRONMENT.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+
+def _help(command: list[str]) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "percept.cli", *command, "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout
+
+
+def _example(command: list[str]) -> str:
+    text = " ".join(_help(command).split())
+    found = re.search(r"Example: (.*?) (Options:|Arguments:|Commands:)", text)
+    assert found, text
+    return found.group(1)
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("workplace")
+
+
+@pytest.mark.parametrize("command", _COMMANDS, ids=lambda c: " ".join(c) or "percept")
+def test_the_example_of_the_help_runs(command: list[str], workplace: Path) -> None:
+    example = _example(command)
+    # The demo is made once: the other examples begin with it, and its folder is there then.
+    if (workplace / "demo").is_dir():
+        example = example.removeprefix("percept demo --out demo && ")
+    if example == "percept demo --out demo" and (workplace / "demo").is_dir():
+        return
+    shell = ["/bin/sh", "-c", example]
+    done = subprocess.run(
+        shell, cwd=workplace, env=_NO_SCREEN, capture_output=True, text=True, check=False
+    )
+    if command == ["view"]:  # there is no screen here, and the command must say so
+        assert done.returncode == 5
+        assert "screen" in done.stderr or "display" in done.stderr.lower()
+    else:
+        assert done.returncode == 0, done.stderr
