@@ -66,7 +66,8 @@ n_threads = 1
 """
 
 Cloud = NDArray[np.float32]
-Scans = dict[str, tuple[Cloud, float]]  # a level scan and its height over the ground
+# A level scan (N, 4) with intensity, which Patchwork++ uses, and its height over the ground.
+Scans = dict[str, tuple[Cloud, float]]
 
 
 @dataclass(frozen=True)
@@ -177,8 +178,8 @@ def print_ground(scans: Scans, repeat: int) -> None:
     different = total = 0
     for name, (points, height_m) in scans.items():
         config = GroundConfig(sensor_height_m=height_m)
-        linefit = linefit_engine(config)
         with silent():
+            linefit = linefit_engine(config)
             times = interleaved(
                 {
                     "percept": partial(segment_ground, points, config),
@@ -200,7 +201,7 @@ def print_clusters(scans: Scans, repeat: int) -> None:
 
     print("\nClusters of the points off the ground, single linkage at 0.5 m")
     for name, (points, height_m) in scans.items():
-        objects = points[~segment_ground(points, GroundConfig(sensor_height_m=height_m))]
+        objects = points[~segment_ground(points, GroundConfig(sensor_height_m=height_m)), :3]
         config = ClusterConfig(tolerance_m=0.5)
         dbscan = DBSCAN(eps=0.5, min_samples=1, algorithm="kd_tree")
         times = interleaved(
@@ -231,13 +232,13 @@ def print_whole_path(scans: Scans, repeat: int) -> None:
 
 
 def ours(points: Cloud, height_m: float) -> None:
-    objects = points[~segment_ground(points, GroundConfig(sensor_height_m=height_m))]
+    objects = points[~segment_ground(points, GroundConfig(sensor_height_m=height_m)), :3]
     fit_boxes(objects, cluster_points(objects, ClusterConfig()), BoxConfig())
 
 
 def theirs(points: Cloud, patchwork: Any) -> None:
     patchwork.estimateGround(points)
-    open3d_cloud(points[patchwork.getNongroundIndices()]).cluster_dbscan(0.5, 1)
+    open3d_cloud(points[patchwork.getNongroundIndices(), :3]).cluster_dbscan(0.5, 1)
 
 
 def print_labelled(scenes: list[Scene]) -> None:
@@ -268,7 +269,13 @@ def read_scans(data: Path) -> Scans:
         "AV2": next(iter(sorted((data / "scenes/av2/7fab2350/converted").glob("*.bin")))),
         "OpenCalib top": data / "lidar2lidar/opencalib_rig/0001/top.pcd",
     }
-    return {name: levelled(read_cloud(path))[:2] for name, path in paths.items()}
+    scans = {}
+    for name, path in paths.items():
+        cloud = read_point_cloud(path)
+        points, height_m, _ = levelled(cloud.points_xyz)
+        intensity = np.zeros(len(cloud)) if cloud.intensity is None else cloud.intensity
+        scans[name] = (np.column_stack([points, intensity]).astype(np.float32), height_m)
+    return scans
 
 
 def read_cloud(path: Path) -> Cloud:

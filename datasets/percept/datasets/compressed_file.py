@@ -15,7 +15,7 @@ from percept.datasets.messages import Connection, MessageSource, RawMessage
 
 __all__ = ["CompressedSource", "unpack"]
 
-_BLOCK_BYTES = 1 << 20
+_BLOCK_BYTES = 1 << 16
 
 
 def unpack(path: Path, target: Path) -> bool:

@@ -61,7 +61,8 @@ class BagLayout:
         if head is None or head.op != CHUNK:
             raise ChunkError("whose record is damaged")
         file.seek(head.data_start)
-        end = chunk.offset + chunk.size if chunk.cut else head.end
+        last = chunk.offset + chunk.size
+        end = last if chunk.cut else min(head.end, last)
         data = file.read(end - head.data_start)
         compression, size = _stated_content(head)
         try:
@@ -140,6 +141,7 @@ def _read_index(file: BinaryIO, size: int, head: Head, layout: BagLayout) -> Chu
     known = index.connections.keys() >= index.counts.keys()
     if not known or (len(index.connections), len(index.chunks)) != expected:
         return None
+    _note_compression(file, index, layout)
     return index
 
 
@@ -154,6 +156,8 @@ def _add_indexed(
         pairs = struct.iter_unpack("<II", data[record.data_start - position :])
         counts = dict(pairs)
         offset = _number(record, b"chunk_pos")
+        if not len(MAGIC) <= offset < position:
+            raise ChunkError("whose record is damaged")
         index.chunks.append(
             Chunk(
                 offset,
@@ -166,9 +170,15 @@ def _add_indexed(
         )
         layout.stated[offset] = counts
         index.counts.update(counts)
-        if len(index.chunks) == 1:
-            first = read_head(file, offset)
-            layout.compression = _stated_content(first)[0] if first else "none"
+
+
+def _note_compression(file: BinaryIO, index: ChunkIndex, layout: BagLayout) -> None:
+    """Keep the compression of the first chunk that can be read, for a sound copy."""
+    for chunk in index.chunks:
+        head = read_head(file, chunk.offset)
+        if head is not None and b"compression" in head.fields:
+            layout.compression = head.fields[b"compression"].decode(errors="replace")
+            return
 
 
 def _declare(found: Mapping[int, BagConnection], index: ChunkIndex, layout: BagLayout) -> None:
@@ -208,6 +218,7 @@ class _Scan:
                 self._take(position, head)
                 position = head.end
         self.index.drop_unknown()
+        _note_compression(self.file, self.index, self.layout)
         return self.index
 
     def _is_unfinished(self, head: Head) -> bool:
@@ -254,8 +265,6 @@ class _Scan:
             losses["messages in damaged chunks"] -= len(entries)
             self.bad_chunk = True
         _declare(connections_in(data), self.index, self.layout)
-        if not self.index.chunks and (head := read_head(self.file, chunk.offset)):
-            self.layout.compression = _stated_content(head)[0]
         self.index.add(chunk, entries)
 
 

@@ -16,5 +16,6 @@ def compiled(function: _Function) -> _Function:
     """Compile a function at its first call and keep the machine code on disk.
 
     Division by zero gives infinity, as in numpy: checking for it would keep loops from being
-    vectorised."""
+    vectorised.
+    """
     return cast("_Function", njit(cache=True, error_model="numpy")(function))

@@ -168,31 +168,30 @@ def bands_of_bins(
     to `search_angle` rad.
 
     Returns:
-        (S * B, 4) float32: a point below the first or above the last height is not ground, one
-        from the second to the third is, at whatever range in the bin it lies.
+        (S * B + 1, 4) float32: a point below the first or above the last height is not ground,
+        one from the second to the third is, at whatever range in the bin it lies. The last row
+        is for points outside the grid: it has no ground.
     """
     lines, starts = found
     steps = _steps_to_line(found, grid)
     highest = _highest_line_by_bin(lines[: starts[-1]], grid) + max_distance
-    bands = np.empty((grid.segments * grid.bins, 4), np.float32)
+    bands = np.full((grid.segments * grid.bins + 1, 4), np.inf, np.float32)
     step = 2.0 * math.pi / grid.segments
     width = (grid.r_max - grid.r_min) / grid.bins
-    for k in range(len(lowest)):
-        s = k // grid.bins
-        b = k - s * grid.bins
+    k = -1
+    for s, b in np.ndindex(grid.segments, grid.bins):
+        k += 1
         away = steps[s, b]
-        bands[k] = np.inf
         if lowest[k] < 0 or (away > 0 and away * step >= search_angle):
             continue
         near = grid.r_min + b * width - _ROUNDING_M
         far = near + width + 2.0 * _ROUNDING_M
         left = _line_over(lines, starts, (s + away) % grid.segments, near, far)
         right = _line_over(lines, starts, (s - away) % grid.segments, near, far)
-        if left == _PARTLY or right == _PARTLY:
-            _set_band(bands[k], -np.inf, np.inf, -np.inf, highest[b])
+        if min(left, right) == _PARTLY or max(left, right) == _NO_LINE:
+            _set_band(bands[k], -np.inf, np.inf, -np.inf, float(highest[b]))
             continue
-        left, right = (left, max(right, left)) if left >= 0 else (right, right)
-        right = right if right >= 0 else left
+        left, right = (left if left >= 0 else right), (right if right >= 0 else left)
         low, high = _heights_over(lines[left], near, far)
         other_low, other_high = _heights_over(lines[right], near, far)
         _set_band(
@@ -271,7 +270,7 @@ def label_points(
     Args:
         points: (N, 3) float32, metres.
         place: (N,) bin of each point, -1 outside the grid.
-        bands: (S * B, 4) from `bands_of_bins`, which settles nearly all points.
+        bands: (S * B + 1, 4) from `bands_of_bins`, which settles nearly all points.
         found: From `fit_lines`.
         grid: S segments by B bins.
         max_distance: Metres.
@@ -279,17 +278,15 @@ def label_points(
     """
     labels = np.zeros(len(points), np.bool_)
     for i in range(len(points)):
-        k = place[i]
-        if k < 0 or points[i, 2] < bands[k, 0] or points[i, 2] > bands[k, 3]:
-            continue
-        if bands[k, 1] <= points[i, 2] <= bands[k, 2]:
-            labels[i] = True
+        k = place[i]  # -1 is the last row
+        z = points[i, 2]
+        labels[i] = (z >= bands[k, 1]) & (z <= bands[k, 2])
+        if labels[i] | (z < bands[k, 0]) | (z > bands[k, 3]):
             continue
         x = np.float64(points[i, 0])
         y = np.float64(points[i, 1])
-        z = np.float64(points[i, 2])
         r = math.sqrt(x * x + y * y)
-        distance = _distance_by_search(found, k // grid.bins, r, z, search_angle)
+        distance = _distance_by_search(found, k // grid.bins, r, np.float64(z), search_angle)
         labels[i] = distance < max_distance
     return labels
 
@@ -317,8 +314,9 @@ def _distance_by_search(found: _Lines, s: int, r: float, z: float, search_angle:
     distance = np.inf
     k = 0
     while distance == np.inf and (k == 0 or k * step < search_angle):
-        left = _distance(found, (s + k) % segments, r, z)
-        distance = min(left, _distance(found, (s - k) % segments, r, z))
+        left = s + k if s + k < segments else s + k - segments
+        right = s - k if s >= k else s - k + segments
+        distance = min(_distance(found, left, r, z), _distance(found, right, r, z))
         k += 1
     return distance
 

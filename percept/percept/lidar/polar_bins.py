@@ -65,8 +65,8 @@ def bins_of_points(points: _F32, grid: PolarGrid) -> _I32:
         if place[i] == _NEAR_EDGE:
             x = np.float64(points[i, 0])
             y = np.float64(points[i, 1])
-            s = int((math.atan2(y, x) + math.pi) / segment_step) % grid.segments
-            place[i] = s * grid.bins + bin_at(math.sqrt(x * x + y * y), grid)
+            segment = int((math.atan2(y, x) + math.pi) / segment_step) % grid.segments
+            place[i] = segment * grid.bins + bin_at(math.sqrt(x * x + y * y), grid)
     return place
 
 
