@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -29,7 +30,7 @@ sensors:
 """
 
 
-def _cloud(points: NDArray[np.float32], **columns: NDArray[np.generic]) -> PointCloud:
+def _cloud(points: NDArray[np.float32], **columns: Any) -> PointCloud:
     return PointCloud(
         topic="/top", stamp_ns=5, log_time_ns=7, frame="top", points_xyz=points, **columns
     )
@@ -57,7 +58,7 @@ def test_select_keeps_every_field_of_a_point_together() -> None:
     ids=["shape", "nan", "unaligned"],
 )
 def test_a_cloud_refuses_what_does_not_fit(
-    points: NDArray[np.float32], columns: dict[str, NDArray[np.generic]], text: str
+    points: NDArray[np.float32], columns: dict[str, Any], text: str
 ) -> None:
     with pytest.raises(GeometryError, match=text):
         _cloud(points.astype(np.float32), **columns)

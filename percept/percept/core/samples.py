@@ -95,11 +95,13 @@ class PointCloud(Sample):
 
     def select(self, keep: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
         """Return the points of a mask (N,) bool or of indices (M,), with all their fields."""
-        columns = {
-            name: None if (column := getattr(self, name)) is None else column[keep]
-            for name in ("intensity", "offset_ns", "ring")
-        }
-        return replace(self, points_xyz=self.points_xyz[keep], **columns)
+        return replace(
+            self,
+            points_xyz=self.points_xyz[keep],
+            intensity=None if self.intensity is None else self.intensity[keep],
+            offset_ns=None if self.offset_ns is None else self.offset_ns[keep],
+            ring=None if self.ring is None else self.ring[keep],
+        )
 
     def transformed(self, T_target_frame: Transform) -> PointCloud:
         """Return the cloud in another frame.
