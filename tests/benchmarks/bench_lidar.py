@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.datasets.cloud_files import read_point_cloud
+from percept.datasets.files.cloud_files import read_point_cloud
 from percept.evaluation import (
     SegmentationScores,
     ground_scores,

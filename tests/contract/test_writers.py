@@ -24,9 +24,9 @@ from percept.core.samples import (
     TransformSample,
 )
 from percept.core.transform import Transform
+from percept.datasets.decoding.typestores import standard_types
 from percept.datasets.messages import Connection, RawMessage
 from percept.datasets.open import open_recording
-from percept.datasets.typestores import standard_types
 from percept.datasets.write import CloudLayout, Compression, LogFormat, LogWriter
 
 NAMES: dict[LogFormat, str] = {"rosbag1": "drive.bag", "rosbag2": "drive", "mcap": "drive.mcap"}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from percept.datasets.cloud_files import read_point_cloud
+from percept.datasets.files.cloud_files import read_point_cloud
 from percept.lidar.cluster import ClusterConfig, cluster_points
 from percept.lidar.ground import GroundConfig, segment_ground
 

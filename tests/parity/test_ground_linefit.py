@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.datasets.cloud_files import read_point_cloud
+from percept.datasets.files.cloud_files import read_point_cloud
 from percept.lidar.ground import GroundConfig, segment_ground
 
 linefit = pytest.importorskip("linefit")

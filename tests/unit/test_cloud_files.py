@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError, RecordingError
 from percept.core.samples import PointCloud
-from percept.datasets.cloud_files import read_point_cloud
-from percept.datasets.lzf import decompress_lzf
+from percept.datasets.files.cloud_files import read_point_cloud
+from percept.datasets.files.lzf import decompress_lzf
 
 RNG = np.random.default_rng(11)
 POINTS = np.empty(

@@ -22,11 +22,11 @@ from percept.core.samples import (
     TransformSample,
 )
 from percept.core.transform import Transform
-from percept.datasets.decode import Decoder
-from percept.datasets.encode import MessageEncoder
-from percept.datasets.message_samples import CONVERTERS
+from percept.datasets.decoding.decode import Decoder
+from percept.datasets.decoding.encode import MessageEncoder
+from percept.datasets.decoding.message_samples import CONVERTERS
+from percept.datasets.decoding.typestores import standard_types
 from percept.datasets.messages import Connection, RawMessage
-from percept.datasets.typestores import standard_types
 
 STAMP_NS = 1_700_000_000_123_456_789
 LOG_TIME_NS = STAMP_NS + 5_000_000

@@ -12,7 +12,7 @@ import pytest
 
 from percept.core.errors import RecordingError, TopicNotFoundError
 from percept.core.samples import CameraImage, PointCloud
-from percept.datasets.folders import open_folder
+from percept.datasets.files.folders import open_folder
 
 STAMP_NS = 315966265259836000
 

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError
-from percept.datasets.images import pixels_of_compressed, pixels_of_image
+from percept.datasets.decoding.images import pixels_of_compressed, pixels_of_image
 
 RNG = np.random.default_rng(5)
 GREY = RNG.integers(0, 255, (6, 8), dtype=np.uint8)

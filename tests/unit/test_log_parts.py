@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 import zstandard
 
-from percept.datasets.chunks import ChunkError, merge_in_time, raw_message
-from percept.datasets.compressed_file import unpack
-from percept.datasets.compression import CompressionError, decompress, decompress_prefix
+from percept.datasets.formats.chunks import ChunkError, merge_in_time, raw_message
+from percept.datasets.formats.compressed_file import unpack
+from percept.datasets.formats.compression import CompressionError, decompress, decompress_prefix
+from percept.datasets.formats.rosbag1_records import parse_fields
+from percept.datasets.formats.sqlite_pages import SqlitePages
 from percept.datasets.messages import Connection
 from percept.datasets.open import log_files
-from percept.datasets.rosbag1_records import parse_fields
-from percept.datasets.sqlite_pages import SqlitePages
 
 
 class TestMergeInTime:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from percept.core.errors import ConfigError, GeometryError
 from percept.core.transform import rotation_from_rpy
-from percept.datasets.cloud_files import read_point_cloud
+from percept.datasets.files.cloud_files import read_point_cloud
 from percept.lidar.mounting import check_sensor_height, estimate_mounting
 
 Cloud = NDArray[np.float32]

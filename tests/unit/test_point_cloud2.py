@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError
 from percept.core.samples import PointCloud
-from percept.datasets.point_cloud2 import (
+from percept.datasets.decoding.point_cloud2 import (
     DATATYPES,
     records_of_livox,
     records_of_point_cloud2,
 )
-from percept.datasets.point_records import cloud_from_records
+from percept.datasets.decoding.point_records import cloud_from_records
 
 STAMP_NS = 1_700_000_000_000_000_000
 CODES = {code: number for number, code in DATATYPES.items()}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.datasets.point_times import UnclearTimesError, offsets_from_pair, offsets_ns
+from percept.datasets.decoding.point_times import UnclearTimesError, offsets_from_pair, offsets_ns
 
 STAMP_NS = 1_700_000_000_123_456_789
 SWEEP_NS = np.array([0, 12_345_678, 50_000_000, 99_999_999])

@@ -13,8 +13,8 @@ from typing import Self
 
 from percept.core.errors import DecodeError, TopicNotFoundError
 from percept.core.samples import OtherSample, Sample, TransformSample
-from percept.datasets.chunks import merge_in_time
-from percept.datasets.decode import Decoder
+from percept.datasets.decoding.decode import Decoder
+from percept.datasets.formats.chunks import merge_in_time
 from percept.datasets.messages import Connection, MessageSource, RawMessage
 from percept.datasets.recording import Envelope, TopicInfo
 

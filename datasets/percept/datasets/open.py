@@ -41,7 +41,7 @@ def open_recording(path: _Path | Sequence[_Path]) -> Recording:
         if not one.exists():
             raise RecordingError("no such file or folder", where=one, remedy="Check the path")
     if len(paths) == 1 and not _is_log(paths[0]):
-        from percept.datasets.folders import open_folder
+        from percept.datasets.files.folders import open_folder
 
         return open_folder(paths[0])
     return _open_logs(paths)
@@ -129,7 +129,7 @@ def open_source(path: Path) -> MessageSource:
     if not magic:
         raise RecordingError("the file is empty", where=path, remedy="Copy or record it anew")
     if magic.startswith(_ZSTD_MAGIC):
-        from percept.datasets.compressed_file import CompressedSource
+        from percept.datasets.formats.compressed_file import CompressedSource
 
         return CompressedSource(path, open_source)
     opener = _opener(magic)
@@ -142,15 +142,15 @@ def open_source(path: Path) -> MessageSource:
 
 def _opener(magic: bytes) -> Callable[[Path], MessageSource] | None:
     if magic.startswith(b"#ROSBAG V"):
-        from percept.datasets.rosbag1 import open_rosbag1
+        from percept.datasets.formats.rosbag1 import open_rosbag1
 
         return open_rosbag1
     if magic.startswith(b"\x89MCAP0\r\n"):
-        from percept.datasets.mcap_log import open_mcap
+        from percept.datasets.formats.mcap_log import open_mcap
 
         return open_mcap
     if magic == b"SQLite format 3\0":
-        from percept.datasets.sqlite3_log import Sqlite3Source
+        from percept.datasets.formats.sqlite3_log import Sqlite3Source
 
         return Sqlite3Source
     return None

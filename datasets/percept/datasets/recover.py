@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from percept.core.errors import InputError, RecordingError, UsageError
-from percept.datasets.bag_metadata import write_metadata
-from percept.datasets.compressed_file import CompressedSource
+from percept.datasets.formats.bag_metadata import write_metadata
+from percept.datasets.formats.compressed_file import CompressedSource
+from percept.datasets.formats.rewrite import rewrite
 from percept.datasets.open import log_files, open_source
-from percept.datasets.rewrite import rewrite
 
 if TYPE_CHECKING:
     from percept.datasets.messages import MessageSource

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Self
 
 from percept.core.errors import UsageError
 from percept.core.samples import Sample
-from percept.datasets.cloud_layout import CloudLayout
-from percept.datasets.encode import ImageCoding, MessageEncoder, is_static_topic
-from percept.datasets.log_sinks import Compression, LogFormat, LogSink, open_sink
+from percept.datasets.decoding.cloud_layout import CloudLayout
+from percept.datasets.decoding.encode import ImageCoding, MessageEncoder, is_static_topic
+from percept.datasets.decoding.typestores import DefinitionCatalog
+from percept.datasets.formats.log_sinks import Compression, LogFormat, LogSink, open_sink
 from percept.datasets.messages import RawMessage
-from percept.datasets.typestores import DefinitionCatalog
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from percept.export.pictures import birds_eye, png_data_uri
 
 from percept.core.clock import iso_from_ns
 from percept.core.results import Detections3D
 from percept.export.finished import FinishedFrame, finished_frame
+from percept.export.pictures import birds_eye, png_data_uri
 from percept.export.report import Picture
 from percept.export.running import EvenSample, MillisecondQuantiles
 from percept.lidar.result import ScanResult

@@ -15,18 +15,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from percept.core.errors import RecordingError
-from percept.datasets.chunks import ChunkedSource, ChunkError
-from percept.datasets.mcap_log import McapLayout
-from percept.datasets.mcap_records import (
+from percept.datasets.formats.chunks import ChunkedSource, ChunkError
+from percept.datasets.formats.mcap_log import McapLayout
+from percept.datasets.formats.mcap_records import (
     HEAD_BYTES,
     MAGIC,
     message_head,
     read_chunk_head,
     read_head,
 )
+from percept.datasets.formats.rosbag1 import BagLayout
+from percept.datasets.formats.sqlite3_log import Sqlite3Source
 from percept.datasets.messages import MessageSource
-from percept.datasets.rosbag1 import BagLayout
-from percept.datasets.sqlite3_log import Sqlite3Source
 
 if TYPE_CHECKING:
     from mcap.records import Attachment, Metadata

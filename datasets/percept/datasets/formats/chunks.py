@@ -17,7 +17,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar
 
-from percept.datasets.compression import ZSTD_MAGIC, CompressionError, decompress
+from percept.datasets.formats.compression import ZSTD_MAGIC, CompressionError, decompress
 from percept.datasets.messages import Connection, RawMessage
 
 __all__ = [

@@ -18,7 +18,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from percept.datasets.chunks import ChunkError, Entry
+from percept.datasets.formats.chunks import ChunkError, Entry
 from percept.datasets.messages import Connection
 
 __all__ = [

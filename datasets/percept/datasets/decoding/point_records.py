@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError
 from percept.core.samples import PointCloud
-from percept.datasets.point_times import (
+from percept.datasets.decoding.point_times import (
     TIME_NAMES,
     TIME_PAIRS,
     UnclearTimesError,

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import RecordingError
-from percept.datasets.chunks import raw_message
+from percept.datasets.formats.chunks import raw_message
+from percept.datasets.formats.sqlite_pages import Row, SqlitePages
 from percept.datasets.messages import Connection, RawMessage
-from percept.datasets.sqlite_pages import Row, SqlitePages
 
 __all__ = ["Sqlite3Source"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from percept.core.errors import UsageError
 from percept.core.samples import PointCloud
-from percept.datasets.point_cloud2 import DATATYPES
+from percept.datasets.decoding.point_cloud2 import DATATYPES
 
 __all__ = ["CloudLayout", "PackedPoints", "packed_points"]
 

@@ -19,9 +19,9 @@ from typing import NamedTuple, Self
 
 from percept.core.errors import DecodeError, RecordingError, TopicNotFoundError
 from percept.core.samples import CameraImage, PointCloud, Sample
-from percept.datasets.cloud_files import CLOUD_SUFFIXES, cloud_from_file
-from percept.datasets.file_stamps import file_stamps_ns
-from percept.datasets.images import pixels_of_file_bytes
+from percept.datasets.decoding.images import pixels_of_file_bytes
+from percept.datasets.files.cloud_files import CLOUD_SUFFIXES, cloud_from_file
+from percept.datasets.files.file_stamps import file_stamps_ns
 from percept.datasets.recording import Envelope, TopicInfo
 
 __all__ = ["FolderRecording", "open_folder"]

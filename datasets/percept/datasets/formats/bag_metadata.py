@@ -9,11 +9,11 @@ from typing import Any
 
 import yaml
 
-from percept.datasets.chunks import ChunkedSource
-from percept.datasets.mcap_log import McapLayout
+from percept.datasets.formats.chunks import ChunkedSource
+from percept.datasets.formats.mcap_log import McapLayout
+from percept.datasets.formats.sqlite3_log import Sqlite3Source
 from percept.datasets.messages import Connection, MessageSource
 from percept.datasets.open import open_source
-from percept.datasets.sqlite3_log import Sqlite3Source
 
 __all__ = ["write_metadata"]
 

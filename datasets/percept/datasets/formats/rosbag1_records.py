@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass
 from typing import BinaryIO
 
-from percept.datasets.chunks import ChunkError, Entry
+from percept.datasets.formats.chunks import ChunkError, Entry
 from percept.datasets.messages import Connection
 
 __all__ = [

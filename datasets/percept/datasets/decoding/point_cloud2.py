@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError
+from percept.datasets.decoding.point_records import POINT_FIELDS
 from percept.datasets.messages import RosMessage
-from percept.datasets.point_records import POINT_FIELDS
 
 __all__ = ["DATATYPES", "records_of_livox", "records_of_point_cloud2"]
 

@@ -13,9 +13,9 @@ from rosbags.serde import SerdeError
 from percept.core.clock import NS_PER_S
 from percept.core.errors import DecodeError, GeometryError
 from percept.core.samples import OtherSample, Sample
-from percept.datasets.message_samples import CONVERTERS, SampleHead, head_of
+from percept.datasets.decoding.message_samples import CONVERTERS, SampleHead, head_of
+from percept.datasets.decoding.typestores import DefinitionCatalog, matches_standard
 from percept.datasets.messages import Connection, RawMessage, RosMessage
-from percept.datasets.typestores import DefinitionCatalog, matches_standard
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc

@@ -27,10 +27,10 @@ from percept.core.samples import (
     TransformSample,
 )
 from percept.core.transform import Transform
-from percept.datasets.images import pixels_of_compressed, pixels_of_image
+from percept.datasets.decoding.images import pixels_of_compressed, pixels_of_image
+from percept.datasets.decoding.point_cloud2 import records_of_livox, records_of_point_cloud2
+from percept.datasets.decoding.point_records import cloud_from_records
 from percept.datasets.messages import RosMessage
-from percept.datasets.point_cloud2 import records_of_livox, records_of_point_cloud2
-from percept.datasets.point_records import cloud_from_records
 
 __all__ = ["CONVERTERS", "Converter", "SampleHead", "head_of"]
 

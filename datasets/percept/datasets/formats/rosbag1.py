@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 from percept.core.errors import RecordingError
-from percept.datasets.chunks import Chunk, ChunkedSource, ChunkError, ChunkIndex
-from percept.datasets.compression import CompressionError, decompress, decompress_prefix
-from percept.datasets.rosbag1_records import (
+from percept.datasets.formats.chunks import Chunk, ChunkedSource, ChunkError, ChunkIndex
+from percept.datasets.formats.compression import CompressionError, decompress, decompress_prefix
+from percept.datasets.formats.rosbag1_records import (
     BAG_HEADER,
     CHUNK,
     CHUNK_INFO,

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError
-from percept.datasets.point_records import POINT_FIELDS
+from percept.datasets.decoding.point_records import POINT_FIELDS
 
 __all__ = ["read_pcd"]
 
@@ -183,7 +183,7 @@ def _read_binary(body: memoryview, header: _Header, path: Path) -> NDArray[np.vo
 
 def _read_compressed(body: memoryview, header: _Header, path: Path) -> NDArray[np.void]:
     """Unpack LZF; the fields stand one after the other, each with all its points."""
-    from percept.datasets.lzf import decompress_lzf
+    from percept.datasets.files.lzf import decompress_lzf
 
     if len(body) < 8:
         raise DecodeError("the compressed points are cut off", where=path)

@@ -22,9 +22,9 @@ from mcap.records import ChunkIndex as SummaryChunk
 from mcap.records import Statistics
 from mcap.stream_reader import StreamReader
 
-from percept.datasets.chunks import Chunk, ChunkedSource, ChunkError, ChunkIndex
-from percept.datasets.compression import CompressionError, decompress, decompress_prefix
-from percept.datasets.mcap_records import (
+from percept.datasets.formats.chunks import Chunk, ChunkedSource, ChunkError, ChunkIndex
+from percept.datasets.formats.compression import CompressionError, decompress, decompress_prefix
+from percept.datasets.formats.mcap_records import (
     HEAD_BYTES,
     MAGIC,
     Definitions,

@@ -24,9 +24,9 @@ from percept.core.samples import (
     TransformSample,
 )
 from percept.core.transform import Transform, quat_xyzw_from_matrix
-from percept.datasets.cloud_layout import CloudLayout, packed_points
+from percept.datasets.decoding.cloud_layout import CloudLayout, packed_points
+from percept.datasets.decoding.typestores import standard_types
 from percept.datasets.messages import RosMessage
-from percept.datasets.typestores import standard_types
 
 __all__ = ["ImageCoding", "MessageEncoder", "is_static_topic"]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError, RecordingError
 from percept.core.samples import PointCloud
-from percept.datasets.file_stamps import stamp_in_name
-from percept.datasets.pcd import read_pcd
-from percept.datasets.point_records import cloud_from_records
+from percept.datasets.decoding.point_records import cloud_from_records
+from percept.datasets.files.file_stamps import stamp_in_name
+from percept.datasets.files.pcd import read_pcd
 
 __all__ = ["CLOUD_SUFFIXES", "cloud_from_file", "read_point_cloud"]
 

@@ -1,0 +1,1 @@
+"""Folders and single files of point clouds and images as recordings."""

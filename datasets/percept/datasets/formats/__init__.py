@@ -1,0 +1,1 @@
+"""Log formats: their records, sound or damaged, as raw messages; and their writers."""
