@@ -218,6 +218,18 @@ class TestFlippedBits:
             assert [item[1] for item in found] == sorted(item[1] for item in found)
             assert len(found) == len(written) or losses
 
+    def test_a_time_that_is_no_number_is_not_taken_for_one(
+        self, made: dict[str, Path], tmp_path: Path
+    ) -> None:
+        path = _damage(tmp_path / "typed.db3", made["db3"].read_bytes())
+        database = sqlite3.connect(path)
+        database.execute("UPDATE messages SET timestamp = ? WHERE id = 20", (b"a time",))
+        database.commit()
+        database.close()
+        found, losses, count = _read(path)
+        assert len(found) == count == len(_read(made["db3"])[0]) - 1
+        assert losses
+
     def test_a_chunk_that_fails_its_checksum_is_left_out_whole(
         self, made: dict[str, Path], tmp_path: Path
     ) -> None:

@@ -101,6 +101,7 @@ class Sqlite3Source:
         if total != sum(group[1] for group in groups):
             raise sqlite3.DatabaseError("table and index differ")
         for key, count, first, last in groups:
+            _require_numbers(key, first, last)
             self._count(key, count, first, last)
 
     def _count(self, key: int, count: int, first: int, last: int) -> None:
@@ -248,6 +249,7 @@ class Sqlite3Source:
         payload = self._database.cursor()
         keys = self._database.execute(query + " ORDER BY timestamp, id", arguments)
         for rowid, key, log_time_ns in keys:
+            _require_numbers(key, log_time_ns)
             payload.execute("SELECT data FROM messages WHERE id = ?", (rowid,))
             row = payload.fetchone()
             yield rowid, key, log_time_ns, row[0] if row else None
@@ -292,6 +294,12 @@ class Sqlite3Source:
             self._pages.close()
         if self._temporary is not None:
             self._temporary.cleanup()
+
+
+def _require_numbers(*values: object) -> None:
+    """Refuse topic ids and times that are no integers: SQLite does not hold columns to types."""
+    if not all(isinstance(value, int) for value in values):
+        raise sqlite3.DatabaseError("a topic id or a time is no number")
 
 
 def _definitions(rows: Iterable[Sequence[object]]) -> dict[str, tuple[str, str]]:
