@@ -121,8 +121,9 @@ def test_start_and_end_take_a_part_of_the_log(drive: Path, run: Run, tmp_path: P
     assert 1 <= json.loads(done.stdout)["counts"]["frames"] <= 3
 
 
-def test_a_killed_run_resumes_to_the_same_bytes(
-    real_clouds: list[PointCloud], pack: Pack, run: Run, tmp_path: Path
+@pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
+def test_a_run_that_was_stopped_resumes_to_the_same_bytes(
+    stop: signal.Signals, real_clouds: list[PointCloud], pack: Pack, run: Run, tmp_path: Path
 ) -> None:
     base = real_clouds[0].stamp_ns
     clouds = [
@@ -138,8 +139,8 @@ def test_a_killed_run_resumes_to_the_same_bytes(
     deadline = time.monotonic() + 60
     while not list(journal.glob("part-*")) and time.monotonic() < deadline:
         time.sleep(0.01)
-    killed.send_signal(signal.SIGKILL)
-    killed.wait()
+    killed.send_signal(stop)
+    assert killed.wait() == (130 if stop == signal.SIGINT else -stop)
     assert not (tmp_path / "cut" / "run.json").exists()
     resumed = run("detect", "--bag", log, "--out", tmp_path / "cut", "--resume", "--json")
     assert resumed.exit_code == 0, resumed.stderr

@@ -1,0 +1,246 @@
+"""The documentation: its commands run, its options and links exist, its tables are complete."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+
+from percept.cli import detect_verdict
+from percept.cli.app import app
+from percept.cli.detect_run import DetectConfig
+from percept.core.settings import Settings
+from percept.datasets.inspection import InspectConfig
+from percept.datasets.synthetic.truth import LIGHT_COLUMNS, OBJECT_COLUMNS
+from percept.export.tables import DETECTIONS_3D
+from percept.lidar import Rules, load_rules
+from percept.lidar.classify import ShapeRule
+
+_ROOT = Path(__file__).resolve().parents[2]
+_PAGES = sorted([*_ROOT.glob("*.md"), *(_ROOT / "docs").glob("*.md")])
+_NOTEBOOKS = sorted((_ROOT / "notebooks").glob("*.ipynb"))
+_FOREIGN_OPTIONS = {"--upgrade", "--data"}  # of pip, and of the benchmarks
+_LARGEST_PICTURE = 300_000
+
+
+def _page(name: str) -> str:
+    return (_ROOT / name).read_text(encoding="utf-8")
+
+
+def _blocks(text: str, language: str) -> list[str]:
+    """Return the fenced blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def _section(text: str, heading: str) -> str:
+    _, found, rest = text.partition(f"\n## {heading}\n")
+    assert found, f"no section '{heading}'"
+    return rest.partition("\n## ")[0]
+
+
+# ---- links and pictures
+
+
+def _slug(heading: str) -> str:
+    """Return the anchor that a heading gets on the usual hosts."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", _PAGES, ids=lambda page: page.name)
+def test_every_relative_link_leads_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if target.startswith(("http://", "https://", "mailto:")):
+            continue
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        assert file.exists(), f"{page.name} links to {target}"
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in map(_slug, headings), f"{page.name} links to {target}"
+
+
+def test_every_picture_is_used_and_small() -> None:
+    linked = "".join(page.read_text(encoding="utf-8") for page in _PAGES)
+    pictures = sorted((_ROOT / "docs" / "pictures").iterdir())
+    assert pictures
+    for picture in pictures:
+        assert f"pictures/{picture.name})" in linked, picture.name
+        assert picture.stat().st_size <= _LARGEST_PICTURE, picture.name
+
+
+# ---- options
+
+
+def _commands(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
+    """Yield all commands that are no groups, by the words after `percept`."""
+    below: dict[str, Any] = getattr(group, "commands", {})
+    if not below:
+        yield " ".join(path), group
+    for name, command in below.items():
+        yield from _commands(command, (*path, name))
+
+
+def _options_of(command: Any) -> set[str]:
+    names = {name for parameter in command.params for name in parameter.opts}
+    return {name for name in names if name.startswith("--")} | {"--help"}
+
+
+_OPTIONS = {name: _options_of(c) for name, c in _commands(typer.main.get_command(app))}
+
+
+def _invocations(text: str) -> Iterator[str]:
+    """Yield what stands behind `percept` in code: in fenced blocks, and between backticks."""
+    for block in re.findall(r"^```\w*\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+        for line in block.replace("\\\n", " ").splitlines():
+            command = re.sub(r"\s#.*", "", line)
+            yield from re.findall(r"(?:^|[\s/])percept ([^&|>]+)", command)
+    prose = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    yield from re.findall(r"`percept ([^`]+)`", prose)
+
+
+@pytest.mark.parametrize("page", _PAGES, ids=lambda page: page.name)
+def test_every_option_in_the_docs_exists(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for call in _invocations(text):
+        known = [name for name in _OPTIONS if call.strip().startswith(name)]
+        named = set(re.findall(r"--[a-z][a-z-]+", call))
+        allowed = _OPTIONS[known[0]] if known else {"--help", "--version"}
+        assert named <= allowed, f"{page.name}: percept {call}"
+    code = " ".join(re.findall(r"`([^`\n]+)`", text))
+    everywhere = set().union(*_OPTIONS.values()) | _FOREIGN_OPTIONS | {"--version"}
+    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", code)) <= everywhere, page.name
+
+
+@pytest.mark.parametrize("command", ["detect", "inspect", "synth drive"])
+def test_a_page_names_every_option_of_its_command(command: str) -> None:
+    text = _page(f"docs/{command.split()[0]}.md")
+    missing = [o for o in _OPTIONS[command] - {"--help"} if f"{o}" not in text]
+    assert not missing
+
+
+def test_the_readme_names_every_command() -> None:
+    text = _page("README.md")
+    assert all(f"`percept {name}" in text for name in _OPTIONS)
+
+
+@pytest.mark.parametrize(("heading", "target"), [("Quick start", "demo"), ("Tests", "test")])
+def test_a_section_of_the_readme_begins_with_one_command(heading: str, target: str) -> None:
+    section = _section(_page("README.md"), heading)
+    assert section.lstrip("\n").startswith(f"```bash\nmake {target}\n```\n")
+    assert re.search(rf"^{target}:", _page("Makefile"), re.MULTILINE)
+
+
+# ---- settings, rules, tables, verdict
+
+
+def _keys(values: dict[str, Any], path: str = "") -> set[str]:
+    keys: set[str] = set()
+    for name, value in values.items():
+        below = _keys(value, f"{path}{name}.") if isinstance(value, dict) else {path + name}
+        keys |= below
+    return keys
+
+
+def test_the_settings_of_detect_are_complete_and_are_the_defaults() -> None:
+    (block,) = _blocks(_section(_page("docs/detect.md"), "Settings"), "yaml")
+    values = yaml.safe_load(block)
+    assert DetectConfig.model_validate(values) == DetectConfig()
+    # The one key of the model that is refused, because it has another place.
+    refused = {"lidar.ground.sensor_height_m"}
+    assert _keys(values) == _keys(DetectConfig().model_dump()) - refused
+
+
+@pytest.mark.parametrize("model", [InspectConfig, ShapeRule, Rules])
+def test_every_key_of_limits_and_rules_is_named(model: type[Settings]) -> None:
+    text = _page("docs/inspect.md" if model is InspectConfig else "docs/detect.md")
+    assert not [key for key in model.model_fields if key not in text]
+
+
+def test_the_rule_in_the_docs_is_the_one_that_ships(tmp_path: Path) -> None:
+    (block,) = _blocks(_section(_page("docs/detect.md"), "Rules"), "yaml")
+    (tmp_path / "rules.yaml").write_text(block)
+    shown, shipped = load_rules(tmp_path / "rules.yaml"), load_rules()
+    assert shown.classes["barrel"] == shipped.classes["barrel"]
+    assert (shown.retro, shown.min_confidence) == (shipped.retro, shipped.min_confidence)
+    assert all(f"`{label}`" in _page("docs/detect.md") for label in shipped.labels)
+
+
+@pytest.mark.parametrize(
+    ("page", "columns"),
+    [
+        ("docs/detect.md", DETECTIONS_3D.names),
+        ("docs/synth.md", OBJECT_COLUMNS.names),
+        ("docs/synth.md", LIGHT_COLUMNS.names),
+    ],
+)
+def test_every_column_is_described(page: str, columns: list[str]) -> None:
+    assert not [name for name in columns if f"`{name}`" not in _page(page)]
+
+
+def test_the_limits_of_the_verdict_are_those_of_the_code() -> None:
+    rows = re.findall(r"^\| .* \| (?:bad|doubtful) \|$", _page("docs/detect.md"), re.MULTILINE)
+    assert rows
+    assert set(rows) <= set((detect_verdict.__doc__ or "").splitlines())
+    text = " ".join(rows)
+    assert f"{detect_verdict._LARGEST_HEIGHT_SPREAD_M:.2f} m" in text
+    assert all(f"{100 * share:.0f} %" in text for share in detect_verdict._GROUND_SHARE)
+    assert detect_verdict._LARGEST_MISSING_SHARE == 0.1
+
+
+# ---- what a reader types
+
+
+def test_the_tutorial_runs_as_it_stands(tmp_path: Path) -> None:
+    folder = Path(sys.executable).parent
+    environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
+    text = _page("docs/tutorial.md")
+    for language, block in re.findall(r"^```(bash|python)\n(.*?)^```$", text, re.M | re.S):
+        shell = ["/bin/sh", "-e", "-c"] if language == "bash" else [sys.executable, "-c"]
+        done = subprocess.run(
+            [*shell, block], cwd=tmp_path, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, f"{block}\n{done.stdout}\n{done.stderr}"
+        assert "Traceback" not in done.stderr
+    barrels = {name: _barrels(tmp_path / name) for name in ("tuned", "ruled")}
+    assert barrels["ruled"] > barrels["tuned"], "the rule that was edited must have an effect"
+
+
+def _barrels(run: Path) -> int:
+    labels: dict[str, int] = json.loads((run / "run.json").read_text())["counts"]["labels"]
+    return labels.get("barrel", 0)
+
+
+def test_the_python_of_the_readme_runs(drive: Path, tmp_path: Path) -> None:
+    (block,) = _blocks(_page("README.md"), "python")
+    (tmp_path / "demo").symlink_to(drive)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", block], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.match(r"\d+% ground, \d+ clusters", done.stdout)
+
+
+@pytest.mark.parametrize("path", _NOTEBOOKS, ids=lambda path: path.name)
+def test_a_notebook_runs_and_is_stored_without_outputs(path: Path, tmp_path: Path) -> None:
+    from nbclient import NotebookClient
+
+    nbformat: Any = importlib.import_module("nbformat")  # its functions have no types
+    notebook = nbformat.read(path, as_version=4)
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert len(notebook.cells) < 12
+    assert not [cell for cell in code if cell.outputs or cell.execution_count]
+    assert "._" not in "".join(cell.source for cell in code)
+    resources = {"metadata": {"path": str(tmp_path)}}
+    NotebookClient(notebook, timeout=60, kernel_name="python3", resources=resources).execute()
+    pictures = [o for cell in code for o in cell.outputs if "image/png" in o.get("data", {})]
+    assert pictures
