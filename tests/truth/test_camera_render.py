@@ -87,10 +87,11 @@ def test_checkerboard_corners_lie_where_the_camera_projects_them(
     errors_px = np.linalg.norm(found_px - truth_px, axis=1)
     assert errors_px.max() < 0.1
     assert np.abs((found_px - truth_px).mean(axis=0)).max() < 0.015
-    found, sector_px = cv2.findChessboardCornersSB(image, (7, 5))
+    # The sector finder is itself off by 0.4 px on boards turned as far as the third.
+    found, sector_px = cv2.findChessboardCornersSB(image, (7, 5), flags=cv2.CALIB_CB_ACCURACY)
     assert found
     nearest = np.linalg.norm(sector_px.reshape(-1, 1, 2) - truth_px, axis=2).min(axis=1)
-    assert np.median(nearest) < 0.12
+    assert np.median(nearest) < (0.06 if max(map(abs, rpy_deg)) < 40 else 0.2)
 
 
 @pytest.mark.parametrize("distortion", [_NO_LENS, _LENS], ids=["pinhole", "distorted"])
@@ -98,7 +99,7 @@ def test_straight_edges_are_where_the_camera_projects_them(
     distortion: NDArray[np.float64],
 ) -> None:
     camera = _camera(distortion)
-    slanted = [[10.0, -1.13, -9], [10, -9, -9], [10, -9, 9], [10, 1.71, 9]]
+    slanted: list[list[float]] = [[10.0, -1.13, -9], [10, -9, -9], [10, -9, 9], [10, 1.71, 9]]
     scene = joined([_wall(10.1, -20, 20, 0.1), _rectangle(slanted, 0.9)])
     linear = _linear(render_image(scene, camera, _FORWARD, _EXACT))
     # The edge's column in each row from the light of the row: dark left of it, bright right.
@@ -209,7 +210,7 @@ def test_paint_is_seen_thirty_metres_ahead() -> None:
 
 
 def test_light_comes_from_sun_sky_and_lamps() -> None:
-    square = [[8.0, -4, -4], [8, 4, -4], [8, 4, 4], [8, -4, 4]]
+    square: list[list[float]] = [[8.0, -4, -4], [8, 4, -4], [8, 4, 4], [8, -4, 4]]
     lit = RenderConfig(noise_sd=0, sun=0.6, ambient=0.2, sun_direction_map=(-1, 0, 0))
     away = lit.model_copy(update={"sun_direction_map": (1.0, 0.0, 0.0)})
     values = [
