@@ -6,6 +6,7 @@ import hashlib
 import sqlite3
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,9 @@ from rosbags.typesys import Stores, get_typestore
 from percept.core.errors import PerceptError, RecordingError, UsageError
 from percept.datasets import open_recording
 from percept.datasets.bag_recording import BagRecording
+from percept.datasets.messages import Connection, RawMessage
 from percept.datasets.recover import RecoveryReport, recover
+from percept.datasets.write import LogWriter
 
 _Stored = tuple[str, int, bytes]
 _TYPE = "std_msgs/msg/String"
@@ -370,3 +373,22 @@ def _definitions(path: Path) -> dict[str, tuple[str, str]]:
 
 def _hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest() if text else ""
+
+
+def test_what_cannot_be_decoded_is_counted_once_however_often_it_is_read(
+    tmp_path: Path,
+) -> None:
+    connection = Connection("/cloud", "sensor_msgs/msg/PointCloud2", "cdr", "", "")
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    definition, _ = store.generate_msgdef(connection.msgtype, ros_version=2)
+    connection = replace(connection, definition=definition, definition_format="msg")
+    path = tmp_path / "broken.mcap"
+    with LogWriter(path, "mcap") as writer:
+        for stamp in range(1, 6):
+            writer.write_raw(RawMessage(connection, stamp, b"\0\1\0\0 not a cloud"))
+    with open_recording(path) as recording:
+        for _ in range(3):
+            assert list(recording.samples()) == []
+            assert recording.losses.total() == 5
+        assert list(recording.samples(end_ns=2)) == []
+        assert recording.losses.total() == 5

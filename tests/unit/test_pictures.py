@@ -98,6 +98,19 @@ def test_names_do_not_cover_each_other() -> None:
     np.testing.assert_array_equal(one[:, 620:], sixty[:, 620:])
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_sensor_that_sees_one_side_does_not_leave_the_picture_half_empty(side: float) -> None:
+    points = np.random.default_rng(3).uniform([0, -20, 0], [70, 20, 2], (20_000, 3))
+    points[:, 0] *= side
+    ids = np.zeros(len(points), np.int32)
+    image = birds_eye(points, ids.astype(bool), ids, np.zeros((0, 7)), ())
+    drawn = (image == cluster_colours(ids[:1])[0][::-1]).all(axis=2)
+    rows = np.flatnonzero(drawn.any(axis=1))
+    assert rows.max() - rows.min() > 0.75 * len(image)
+    ego = (image == np.array((236, 232, 228))).all(axis=2).any(axis=1)
+    assert ego[450:].any() if side > 0 else ego[:450].any()
+
+
 def test_an_empty_scan_is_a_picture_too() -> None:
     image = birds_eye(np.zeros((0, 3)), _NONE.astype(bool), _NONE, np.zeros((0, 7)), ())
     assert image.shape == (900, 900, 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -14,12 +14,14 @@ from typing import Any, Literal
 from pydantic import Field
 
 from percept.cli.detect_verdict import RunFacts, judge
+from percept.cli.interrupts import deferred_interrupt
 from percept.cli.lidar_streams import LidarStreams, first_clouds, plan_streams
 from percept.cli.progress import progress_bar
 from percept.cli.run_folder import RunFolder, describe_input
 from percept.core.clock import ns_from_seconds
 from percept.core.errors import UsageError
 from percept.core.rig import Rig, load_rig
+from percept.core.samples import PointCloud
 from percept.core.settings import Settings, load_settings
 from percept.core.transform import Transform
 from percept.datasets import open_recording
@@ -97,12 +99,13 @@ def run_detection(request: DetectRequest) -> dict[str, Any]:
     """
     config = load_settings(DetectConfig, request.config, dict(request.flags))
     rig = load_rig(request.rig) if request.rig is not None else None
-    with open_recording(list(request.bags)) as recording:
+    with deferred_interrupt() as check, open_recording(list(request.bags)) as recording:
         plan = _plan(recording, rig, config, request)
+        check()
         with RunFolder(
             request.out, force=request.force, resume=request.resume, outputs=_OUTPUTS
         ) as folder:
-            return _fill(folder, recording, plan, request)
+            return _fill(folder, recording, plan, request, check)
 
 
 def _plan(
@@ -157,14 +160,20 @@ def _with_base_height(config: LidarConfig, T_base_sensor: Transform | None) -> L
 
 
 def _fill(
-    folder: RunFolder, recording: Recording, plan: _Plan, request: DetectRequest
+    folder: RunFolder,
+    recording: Recording,
+    plan: _Plan,
+    request: DetectRequest,
+    check_interrupt: Callable[[], None],
 ) -> dict[str, Any]:
     fingerprint = _fingerprint(recording, plan)
     summary = DetectionSummary()
     with FrameJournal(folder.path / _JOURNAL, fingerprint, resume=request.resume) as journal:
         for finished, rows in journal.read():
             summary.add_finished(finished, detections_of(finished, rows))
-        notes = _judge_scans(folder.path, recording, plan, journal, summary, fingerprint)
+        notes = _judge_scans(
+            folder.path, recording, plan, journal, summary, fingerprint, check_interrupt
+        )
         write_parquet(folder.path / "detections_3d.parquet", DETECTIONS_3D, journal.batches())
         if request.overlay:
             _write_overlay(folder.path / "overlay.mcap", journal)
@@ -180,6 +189,7 @@ def _judge_scans(
     journal: FrameJournal,
     summary: DetectionSummary,
     fingerprint: str,
+    check_interrupt: Callable[[], None],
 ) -> list[str]:
     """Run the detectors over all scans that are not finished; return notes for the report."""
     done = journal.next_frame
@@ -194,7 +204,7 @@ def _judge_scans(
             )
         )
         advance = stack.enter_context(progress_bar("detecting", plan.frames_expected))
-        clouds = plan.streams.clouds(recording, plan.start_ns, plan.end_ns)
+        clouds = _with_points(recording, plan, summary)
         for frame, (name, cloud) in enumerate(clouds):
             if frame >= done:
                 result = plan.detectors[name].detect(cloud)
@@ -202,7 +212,19 @@ def _judge_scans(
                 summary.add(frame, result)
                 view.add(frame, result)
             advance(frame + 1)
+            check_interrupt()
         return [view.close().as_text()]
+
+
+def _with_points(
+    recording: Recording, plan: _Plan, summary: DetectionSummary
+) -> Iterator[tuple[str, PointCloud]]:
+    """Yield the clouds of the streams that have a detector: the others never have a point."""
+    for name, cloud in plan.streams.clouds(recording, plan.start_ns, plan.end_ns):
+        if name in plan.detectors:
+            yield name, cloud
+        else:
+            summary.dropped[f"scans of {name} without a point"] += 1
 
 
 def _write_overlay(path: Path, journal: FrameJournal) -> None:

@@ -3,7 +3,6 @@
 | limit | verdict |
 |---|---|
 | no frame could be judged | bad |
-| more than half of the scans could not be decoded | bad |
 | anything in the log could not be read or decoded | doubtful |
 | heights of the ground plane spread more than 0.10 m between the first scans | doubtful |
 | less than 5 % or more than 95 % of all points are ground | doubtful |

@@ -15,6 +15,7 @@ from percept.core.errors import DecodeError, TopicNotFoundError
 from percept.core.samples import OtherSample, Sample, TransformSample
 from percept.datasets.decoding.decode import Decoder
 from percept.datasets.formats.chunks import merge_in_time
+from percept.datasets.losses import PassLosses
 from percept.datasets.messages import Connection, MessageSource, RawMessage
 from percept.datasets.recording import Envelope, TopicInfo
 
@@ -48,7 +49,8 @@ class BagRecording:
         self.end_ns: int | None = max(ends, default=None)
         every = dict.fromkeys(c for source in sources for c in source.connections)
         self.connections: tuple[Connection, ...] = tuple(every)
-        self._decoder = Decoder(every, self.losses)
+        self._decoder = Decoder(every)
+        self._undecoded: Counter[str] = Counter()
         self._first_failures: dict[str, str] = {}
 
     def topics(self) -> tuple[TopicInfo, ...]:
@@ -86,17 +88,20 @@ class BagRecording:
     def _samples(
         self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[Sample]:
+        losses = PassLosses(self.losses, self._undecoded)
         if start_ns is not None:
-            yield from self._latched(topics, start_ns)
+            yield from self._latched(topics, start_ns, losses)
         for raw in self.messages(topics, start_ns, end_ns):
-            yield from self._decoded(raw)
+            yield from self._decoded(raw, losses)
 
-    def _latched(self, topics: Collection[str] | None, start_ns: int) -> Iterator[Sample]:
+    def _latched(
+        self, topics: Collection[str] | None, start_ns: int, losses: PassLosses
+    ) -> Iterator[Sample]:
         static = [c.topic for c in self.connections if self._is_static(c)]
         wanted = [topic for topic in static if topics is None or topic in topics]
         latest: dict[tuple[str, str, str], Sample] = {}
         for raw in self.messages(wanted, None, start_ns - 1) if wanted else ():
-            for sample in self._decoded(raw):
+            for sample in self._decoded(raw, losses):
                 if isinstance(sample, TransformSample):
                     key = (sample.topic, sample.frame, sample.T_frame_child.source)
                     latest.pop(key, None)
@@ -109,13 +114,14 @@ class BagRecording:
             and self._decoder.sample_type(connection) is TransformSample
         )
 
-    def _decoded(self, raw: RawMessage) -> Sequence[Sample]:
+    def _decoded(self, raw: RawMessage, losses: PassLosses) -> Sequence[Sample]:
+        self._decoder.notes = losses
         try:
             return self._decoder.decode(raw)
         except DecodeError as error:
             topic = raw.connection.topic
             first = self._first_failures.setdefault(topic, _one_line(error.what))
-            self.losses[f"messages on {topic} that cannot be decoded ({first})"] += 1
+            losses[f"messages on {topic} that cannot be decoded ({first})"] += 1
             return ()
 
     def messages(

@@ -24,6 +24,7 @@ _GROUND: Rgb = (74, 82, 90)
 _TEXT: Rgb = (228, 232, 236)
 _QUIET: Rgb = (160, 171, 182)
 _EXTENTS_M = (20.0, 30.0, 40.0, 60.0, 80.0)
+_AROUND_M = 5.0
 _LABELS = 25
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _FONT_SCALE = 0.42
@@ -40,7 +41,7 @@ def birds_eye(
     extent_m: float | None = None,
     size_px: int = 900,
 ) -> Image:
-    """Draw a scan from above, forward up and left on the left, the sensor in the middle.
+    """Draw a scan from above, forward up and left on the left.
 
     Ground is dark grey, clusters have colours of their own, boxes the colours of their class
     with a tick ahead. Names stand beside the nearest boxes of a known class as far as there
@@ -52,7 +53,8 @@ def birds_eye(
         cluster_ids: (N,) -1 for none.
         boxes_m: (M, 7) centre x, y, z, length, width, height, yaw in rad.
         labels: M class names.
-        extent_m: From the middle to the edge; None chooses one that shows most of the points.
+        extent_m: From the sensor in the middle to the edge; None chooses a middle and an
+            extent that show the sensor and most of the points.
         size_px: Side of the picture.
 
     Returns:
@@ -65,11 +67,10 @@ def birds_eye(
     boxes = np.asarray(boxes_m, dtype=np.float64).reshape(-1, 7)
     if not len(points) == len(ground) == len(cluster_ids) or len(boxes) != len(labels):
         raise GeometryError("points or boxes and what is known of them differ in number")
-    extent = _fitting_extent(points) if extent_m is None else extent_m
-    if not extent > 0:
-        raise GeometryError(f"a picture cannot reach {extent:g} m")
+    if extent_m is not None and not extent_m > 0:
+        raise GeometryError(f"a picture cannot reach {extent_m:g} m")
+    view = _fitting(points, size_px) if extent_m is None else _View(extent_m, size_px)
     image = np.full((size_px, size_px, 3), _BACKGROUND[::-1], np.uint8)
-    view = _View(extent, size_px)
     view.draw_rings(image)
     view.draw_points(image, points, np.asarray(ground), np.asarray(cluster_ids))
     view.draw_boxes(image, boxes, labels)
@@ -95,25 +96,30 @@ def png_data_uri(image: Image) -> str:
 class _View:
     """Where the metres of a picture from above are."""
 
-    def __init__(self, extent_m: float, size_px: int) -> None:
+    def __init__(
+        self, extent_m: float, size_px: int, middle_m: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
         self.extent_m = extent_m
         self.scale = size_px / (2 * extent_m)
-        self.middle = (size_px - 1) / 2
+        self.middle_m = np.array(middle_m)
+        self.middle_px = (size_px - 1) / 2
 
     def pixels(self, points_xy: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return (N, 2) column and row of points (N, 2) in metres."""
-        xy = np.asarray(points_xy, dtype=np.float64)
-        pixels: NDArray[np.float64] = self.middle - self.scale * xy[:, ::-1]
+        from_middle = np.asarray(points_xy, dtype=np.float64) - self.middle_m
+        pixels: NDArray[np.float64] = self.middle_px - self.scale * from_middle[:, ::-1]
         return pixels
 
     def draw_rings(self, image: Image) -> None:
+        """Draw circles around the sensor, with their metres straight ahead of it."""
         step = 20 if self.extent_m > 45 else 10 if self.extent_m > 15 else 5
         centre = _fixed(self.pixels(np.zeros((1, 2))))[0].tolist()
-        for metres in range(step, int(self.extent_m * 1.41) + 1, step):
+        farthest_m = float(np.hypot(*(np.abs(self.middle_m) + self.extent_m)))
+        for metres in range(step, int(farthest_m) + 1, step):
             radius = int(metres * self.scale * 2**_SHIFT)
             cv2.circle(image, centre, radius, _RING[::-1], 1, cv2.LINE_AA, _SHIFT)
-            if metres < self.extent_m - 1:
-                column, row = self.pixels(np.array([[metres, 0.0]]))[0]
+            column, row = self.pixels(np.array([[metres, 0.0]]))[0]
+            if row > 16:
                 _write(image, f"{metres} m", (int(column) + 4, int(row) - 4), _QUIET)
 
     def draw_points(
@@ -134,13 +140,13 @@ class _View:
             image[at] = colours[chosen][:, ::-1]
 
     def draw_boxes(self, image: Image, boxes: NDArray[np.float64], labels: Sequence[str]) -> None:
-        for box, label in zip(boxes, labels, strict=True):
-            colour = class_colour(label)[::-1]
+        """Draw outlines; what is known lies over what is not, and is bolder."""
+        for row in sorted(range(len(labels)), key=lambda row: labels[row] != "unknown"):
             # The tick goes out and back, since both are drawn as closed lines.
-            outlines = [_fixed(self.pixels(part)) for part in _outline(box)]
+            outlines = [_fixed(self.pixels(part)) for part in _outline(boxes[row])]
             cv2.polylines(
-                image, outlines, isClosed=True, color=colour, thickness=2,
-                lineType=cv2.LINE_AA, shift=_SHIFT,
+                image, outlines, isClosed=True, color=class_colour(labels[row])[::-1],
+                thickness=1 if labels[row] == "unknown" else 2, lineType=cv2.LINE_AA, shift=_SHIFT,
             )  # fmt: skip
 
     def draw_ego(self, image: Image) -> None:
@@ -188,22 +194,35 @@ def _outline(box: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
     return corners, np.array([front, front + max(0.6, length / 4) * ahead])
 
 
-def _fitting_extent(points: NDArray[np.floating]) -> float:
-    """Return the smallest usual extent that shows 95 % of the points, or the largest."""
+def _fitting(points: NDArray[np.floating], size_px: int) -> _View:
+    """Return the closest usual view of the sensor and 95 % of the points along each axis.
+
+    The sensor stays in the middle unless it sees much more on one side.
+    """
     if not len(points):
-        return _EXTENTS_M[0]
-    reach = float(np.quantile(np.abs(points[:, :2]).max(axis=1), 0.95))
-    return next((extent for extent in _EXTENTS_M if extent >= reach), _EXTENTS_M[-1])
+        return _View(_EXTENTS_M[0], size_px)
+    low, high = np.quantile(points[:, :2], (0.025, 0.975), axis=0)
+    low, high = np.minimum(low, -_AROUND_M), np.maximum(high, _AROUND_M)
+    middle = (low + high) / 2
+    middle[np.abs(middle) < (high - low) / 6] = 0
+    reach = float(np.maximum(high - middle, middle - low).max())
+    extent = next((extent for extent in _EXTENTS_M if extent >= reach), _EXTENTS_M[-1])
+    # Where even the largest view is too small, the sensor's surroundings matter most.
+    middle = np.clip(middle, _AROUND_M - extent, extent - _AROUND_M)
+    return _View(extent, size_px, (float(middle[0]), float(middle[1])))
 
 
 def _draw_legend(image: Image, labels: Sequence[str]) -> list[NDArray[np.float64]]:
     """Write how many boxes of each class there are; return the place that it takes."""
     counts = sorted(Counter(labels).items(), key=lambda pair: (-pair[1], pair[0]))
+    height = 20 + 20 * len(counts)
+    if counts:
+        cv2.rectangle(image, (0, 0), (150, height - 8), _BACKGROUND[::-1], -1)
     for row, (label, count) in enumerate(counts):
         y = 16 + 20 * row
         cv2.rectangle(image, (12, y), (23, y + 11), class_colour(label)[::-1], -1)
         _write(image, f"{count} {_ascii(label)}", (31, y + 10), _TEXT)
-    return [np.array([0.0, 0.0, 150.0, 20.0 + 20.0 * len(counts)])]
+    return [np.array([0.0, 0.0, 150.0, float(height)])]
 
 
 def _write(image: Image, text: str, at: tuple[int, int], colour: Rgb) -> None:

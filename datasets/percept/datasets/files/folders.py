@@ -22,6 +22,7 @@ from percept.core.samples import CameraImage, PointCloud, Sample
 from percept.datasets.decoding.images import pixels_of_file_bytes
 from percept.datasets.files.cloud_files import CLOUD_SUFFIXES, cloud_from_file
 from percept.datasets.files.file_stamps import file_stamps_ns
+from percept.datasets.losses import PassLosses
 from percept.datasets.recording import Envelope, TopicInfo
 
 __all__ = ["FolderRecording", "open_folder"]
@@ -78,6 +79,7 @@ class FolderRecording:
         self.start_ns: int | None = min(stamps, default=None)
         self.end_ns: int | None = max(stamps, default=None)
         self.losses: Counter[str] = Counter() if losses is None else losses
+        self._undecoded: Counter[str] = Counter()
         self._first_failures: dict[str, str] = {}
 
     def topics(self) -> tuple[TopicInfo, ...]:
@@ -101,23 +103,24 @@ class FolderRecording:
     def _decoded(
         self, files: Iterator[_File], start_ns: int | None, end_ns: int | None
     ) -> Iterator[Sample]:
+        losses = PassLosses(self.losses, self._undecoded)
         for file in files:
             if start_ns is not None and file.stamp_ns < start_ns:
                 continue
             if end_ns is not None and file.stamp_ns > end_ns:
                 return
             try:
-                yield self._decode(file)
+                yield self._decode(file, losses)
             except DecodeError as error:
                 first = self._first_failures.setdefault(file.topic, str(error))
-                self.losses[f"files of {file.topic} that cannot be decoded ({first})"] += 1
+                losses[f"files of {file.topic} that cannot be decoded ({first})"] += 1
 
-    def _decode(self, file: _File) -> Sample:
+    def _decode(self, file: _File, losses: PassLosses) -> Sample:
         frame = file.topic.rpartition("/")[2]
         if file.path.suffix.lower() in CLOUD_SUFFIXES:
             stamp_ns = file.stamp_ns if file.stamp_is_known else None
             cloud = cloud_from_file(
-                file.path, self.losses, topic=file.topic, stamp_ns=stamp_ns, frame=frame
+                file.path, losses, topic=file.topic, stamp_ns=stamp_ns, frame=frame
             )
             return cloud if file.stamp_is_known else _restamped(cloud, file.stamp_ns)
         try:
