@@ -37,7 +37,7 @@ def test_a_topic_without_clouds_is_refused(drive: Path, run: Run, tmp_path: Path
     done = run(
         "detect", "--bag", drive / "drive.mcap", "--topic", "/imu/data", "--out", tmp_path / "run"
     )
-    _expect(done, 2, "not point clouds", "/lidar_top/points")
+    _expect(done, 3, "not point clouds", "/lidar_top/points")
 
 
 def test_a_log_without_clouds_says_what_it_has(run: Run, tmp_path: Path) -> None:
@@ -190,3 +190,41 @@ def test_a_missing_system_library_is_named_with_its_package() -> None:
     assert missing is not None
     assert "rerun" in str(missing)
     assert explain_import_error(ImportError("cannot import name 'x'")) is None
+
+
+@pytest.mark.parametrize("flag", ["--start", "--end"])
+@pytest.mark.parametrize("seconds", ["nan", "inf", "-1"])
+def test_a_time_that_is_none_is_refused(
+    flag: str, seconds: str, drive: Path, run: Run, tmp_path: Path
+) -> None:
+    log = drive / "drive.mcap"
+    _expect(run("detect", "--bag", log, flag, seconds, "--out", tmp_path / "run"), 2, flag)
+    _expect(run("inspect", log, flag, seconds), 2, flag)
+
+
+def test_clouds_that_cannot_be_decoded_are_said_with_their_reason(run: Run, tmp_path: Path) -> None:
+    from rosbags.typesys import Stores, get_typestore
+
+    from percept.datasets.messages import Connection, RawMessage
+
+    msgtype = "sensor_msgs/msg/PointCloud2"
+    definition, _ = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef(msgtype, ros_version=2)
+    connection = Connection("/broken", msgtype, "cdr", definition, "msg")
+    log = tmp_path / "broken.mcap"
+    with LogWriter(log, "mcap") as writer:
+        for stamp in (1, 2):
+            writer.write_raw(RawMessage(connection, stamp, b"\0\1\0\0 not a cloud"))
+    done = run("detect", "--bag", log, "--out", tmp_path / "run")
+    _expect(done, 3, "not one scan can be read: 2 x messages on /broken")
+
+
+def test_a_bad_input_leaves_the_run_that_was_there(drive: Path, run: Run, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text("{}")
+    (tmp_path / "report.html").write_text("of the run before")
+    done = run("detect", "--bag", tmp_path / "none.bag", "--out", tmp_path, "--force")
+    _expect(done, 3, "none.bag")
+    done = run(
+        "detect", "--bag", drive / "drive.mcap", "--topic", "/none", "--out", tmp_path, "--force"
+    )
+    _expect(done, 3, "/none")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "run.json"]

@@ -174,3 +174,24 @@ def test_a_damaged_log_is_doubtful_and_says_what_was_lost(
         assert result["verdict"] == "doubtful"
         assert "could not be read" in " ".join(result["why"])
         assert result["counts"]["frames"] >= 2
+
+
+def test_a_given_height_that_the_scans_contradict_is_doubtful(
+    drive: Path, run: Run, tmp_path: Path
+) -> None:
+    done = run(
+        "detect", "--bag", drive / "drive.mcap", "--topic", "top=/lidar_top/points",
+        "--sensor-height", 2.6, "--out", tmp_path / "run", "--json",
+    )  # fmt: skip
+    result = json.loads(done.stdout)
+    assert result["verdict"] == "doubtful"
+    assert "above what the scans show" in " ".join(result["why"])
+    (sensor,) = result["config"]["sensors"]
+    assert sensor["found_height_m"] < 0.1  # of the base frame, which stands on the road
+
+
+def test_a_closed_pipe_is_no_error(drive: Path) -> None:
+    command = f"{sys.executable} -m percept.cli inspect {drive / 'drive.mcap'} | head -1"
+    shell = ["bash", "-c", f"set -o pipefail; {command}"]
+    done = subprocess.run(shell, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

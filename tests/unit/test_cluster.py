@@ -115,10 +115,27 @@ def test_no_points_and_one_point() -> None:
     assert cluster_points(np.ones((1, 4)), ClusterConfig(min_points=2)).tolist() == [-1]
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e9])
-def test_points_that_the_grid_cannot_hold_are_refused(value: float) -> None:
-    with pytest.raises(GeometryError):
-        cluster_points(np.array([[0.0, 0.0, value]], np.float32))
+def test_points_that_the_grid_cannot_hold_are_refused() -> None:
+    with pytest.raises(GeometryError, match="too far"):
+        cluster_points(np.array([[0.0, 0.0, 1e9]], np.float32))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_points_that_are_nowhere_are_in_no_cluster(value: float) -> None:
+    cloud = _random_cloud(500, 10.0)
+    holed = np.insert(cloud, [0, 250, 500], [value, 0, 0], axis=0)
+    labels = cluster_points(holed)
+    nowhere = ~np.isfinite(holed).all(axis=1)
+    assert set(labels[nowhere]) == {-1}
+    np.testing.assert_array_equal(labels[~nowhere], cluster_points(cloud))
+    assert cluster_points(np.full((4, 3), value)).tolist() == [-1] * 4
+
+
+def test_map_coordinates_in_float64_cluster_as_near_ones_do() -> None:
+    cloud = _random_cloud(2000, 20.0).astype(np.float64)
+    np.testing.assert_array_equal(
+        cluster_points(cloud + np.array([4.5e5, 4.8e6, 200.0])), cluster_points(cloud)
+    )
 
 
 @pytest.mark.parametrize(

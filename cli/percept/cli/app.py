@@ -7,6 +7,7 @@ a test holds them to it.
 from __future__ import annotations
 
 import errno
+import os
 import sys
 from typing import Annotated, Any
 
@@ -27,7 +28,9 @@ class _PerceptGroup(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - the context type is not public
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+            return result
         except PerceptError as error:
             raise _ended_by(error) from error
         except ImportError as error:
@@ -35,6 +38,9 @@ class _PerceptGroup(TyperGroup):
             if explained is None:
                 raise
             raise _ended_by(explained) from error
+        except BrokenPipeError as error:  # `percept inspect LOG | head` is no error
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(0) from error
         except OSError as error:
             if error.errno != errno.ENOSPC:
                 raise
@@ -90,9 +96,4 @@ def percept(
 
 def main() -> None:
     """Run the command line and leave with its exit code."""
-    # A closed pipe (`percept inspect log | head`) is no error of ours.
-    try:
-        app()
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(0)
+    app()

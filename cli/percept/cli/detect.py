@@ -34,7 +34,7 @@ def detect(
         list[str] | None,
         typer.Option(
             "--topic",
-            metavar="SENSOR=TOPIC",
+            metavar="[SENSOR=]TOPIC",
             help="Use this LiDAR topic, under this name. Repeat it for several.",
         ),
     ] = None,
@@ -52,7 +52,7 @@ def detect(
         typer.Option(
             "--sensor-height",
             metavar="METRES",
-            help="Height of the cloud's origin over the ground; estimated where not given.",
+            help="Height of the sensor over the ground; measured in the scans where not given.",
         ),
     ] = None,
     rules: Annotated[
@@ -120,13 +120,21 @@ def _show(run: dict[str, Any], out: Path) -> None:
     ground = counts["ground_points"] / max(counts["points"], 1)
     typer.echo(f"{counts['frames']} scans, {counts['objects']} boxes ({labels or 'none'})")
     for sensor in run["config"]["sensors"]:
-        spread = "" if sensor["height_sd_m"] is None else f" +- {sensor['height_sd_m']:.2f}"
-        typer.echo(
-            f"{sensor['name']}: {', '.join(sensor['topics'])}; {sensor['height_m']:.2f}{spread} m "
-            f"over the ground, tilted {sensor['tilt_deg']:.1f} deg"
-        )
+        typer.echo(f"{sensor['name']}: {', '.join(sensor['topics'])}; {_mounting(sensor)}")
     typer.echo(f"{ground:.0%} of {counts['points']} points are ground")
     for reason, count in run["dropped"].items():
         typer.echo(f"left out: {count} x {reason}", err=True)
     typer.echo(f"verdict: {run['verdict']}: {'; '.join(run['why'])}")
     typer.echo(f"look at it: {out / 'report.html'}, or `percept view {out}`")
+
+
+def _mounting(sensor: dict[str, Any]) -> str:
+    text = f"{sensor['height_m']:.2f} m over the ground"
+    if sensor["found_height_m"] is None:
+        return f"{text} as given; no ground plane was found"
+    spread = f"+- {sensor['found_height_sd_m']:.2f} m"
+    if sensor["height_m"] == sensor["found_height_m"]:
+        text += f" ({spread})"
+    else:
+        text += f" as given; the scans show {sensor['found_height_m']:.2f} {spread}"
+    return f"{text}, tilted {sensor['tilt_deg']:.1f} deg"

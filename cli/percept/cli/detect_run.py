@@ -18,8 +18,7 @@ from percept.cli.interrupts import deferred_interrupt
 from percept.cli.lidar_streams import LidarStreams, first_clouds, plan_streams
 from percept.cli.progress import progress_bar
 from percept.cli.run_folder import RunFolder, describe_input
-from percept.core.clock import ns_from_seconds
-from percept.core.errors import UsageError
+from percept.cli.window import log_window_ns
 from percept.core.rig import Rig, load_rig
 from percept.core.samples import PointCloud
 from percept.core.settings import Settings, load_settings
@@ -99,20 +98,24 @@ def run_detection(request: DetectRequest) -> dict[str, Any]:
     """
     config = load_settings(DetectConfig, request.config, dict(request.flags))
     rig = load_rig(request.rig) if request.rig is not None else None
-    with deferred_interrupt() as check, open_recording(list(request.bags)) as recording:
+    with (
+        deferred_interrupt() as check,
+        RunFolder(
+            request.out, force=request.force, resume=request.resume, outputs=_OUTPUTS
+        ) as folder,
+        open_recording(list(request.bags)) as recording,
+    ):
         plan = _plan(recording, rig, config, request)
         check()
-        with RunFolder(
-            request.out, force=request.force, resume=request.resume, outputs=_OUTPUTS
-        ) as folder:
-            return _fill(folder, recording, plan, request, check)
+        folder.begin()
+        return _fill(folder, recording, plan, request, check)
 
 
 def _plan(
     recording: Recording, rig: Rig | None, config: DetectConfig, request: DetectRequest
 ) -> _Plan:
     streams = plan_streams(choose_lidars(recording, rig, request.topics), config.lidars)
-    start_ns, end_ns = _window(recording, request)
+    start_ns, end_ns = log_window_ns(recording, request.start_s, request.end_s)
     first = first_clouds(streams, recording, start_ns, end_ns, _FIRST_CLOUDS)
     detectors = {}
     for name, clouds in first.items():
@@ -139,16 +142,6 @@ def _plan(
         end_ns=end_ns,
         frames_expected=max(scans, 1),
     )
-
-
-def _window(recording: Recording, request: DetectRequest) -> tuple[int | None, int | None]:
-    """Return the first and last log time that are wanted."""
-    if request.end_s is not None and request.end_s <= (request.start_s or 0.0):
-        raise UsageError(f"--end {request.end_s:g} is not after --start {request.start_s or 0:g}")
-    first_ns = recording.start_ns or 0
-    start_ns = None if request.start_s is None else first_ns + ns_from_seconds(request.start_s)
-    end_ns = None if request.end_s is None else first_ns + ns_from_seconds(request.end_s)
-    return start_ns, end_ns
 
 
 def _with_base_height(config: LidarConfig, T_base_sensor: Transform | None) -> LidarConfig:
@@ -283,7 +276,8 @@ def _conclude(
 
 
 def _facts(recording: Recording, plan: _Plan, summary: DetectionSummary) -> RunFacts:
-    estimated = plan.config.lidar.sensor_height_m is None
+    mountings = {name: detector.mounting for name, detector in plan.detectors.items()}
+    given = plan.config.lidar.sensor_height_m is not None
     return RunFacts(
         frames=summary.frames,
         objects=summary.objects,
@@ -291,11 +285,12 @@ def _facts(recording: Recording, plan: _Plan, summary: DetectionSummary) -> RunF
         ground_points=sum(s.ground_points for s in summary.sensors.values()),
         losses=dict(recording.losses),
         missing=dict(plan.streams.missing),
-        height_spread_m=(
-            {name: d.mounting.sd_height_m for name, d in plan.detectors.items()}
-            if estimated
-            else {}
-        ),
+        height_spread_m={} if given else {n: m.sd_height_m for n, m in mountings.items()},
+        height_errors_m={
+            n: m.height_m - m.found_height_m
+            for n, m in mountings.items()
+            if given and m.clouds_used
+        },
     )
 
 
@@ -309,7 +304,8 @@ def _describe(plan: _Plan, name: str) -> dict[str, Any]:
         "topics": topics,
         "in_base_frame": plan.streams.is_in_base(name),
         "height_m": round(mounting.height_m, 4),
-        "height_sd_m": round(mounting.sd_height_m, 4) if mounting.clouds_used else None,
+        "found_height_m": round(mounting.found_height_m, 4) if mounting.clouds_used else None,
+        "found_height_sd_m": round(mounting.sd_height_m, 4) if mounting.clouds_used else None,
         "tilt_deg": round(mounting.tilt_deg, 3),
         "upside_down": mounting.upside_down,
     }

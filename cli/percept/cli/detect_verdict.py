@@ -5,6 +5,7 @@
 | no frame could be judged | bad |
 | anything in the log could not be read or decoded | doubtful |
 | heights of the ground plane spread more than 0.10 m between the first scans | doubtful |
+| a height that was given is more than 0.3 m from the ground that the scans show | doubtful |
 | less than 5 % or more than 95 % of all points are ground | doubtful |
 | more than a tenth of the merged scans lack a LiDAR | doubtful |
 | not one object in the whole run | doubtful |
@@ -20,6 +21,7 @@ from percept.core.results import Verdict
 __all__ = ["RunFacts", "judge"]
 
 _LARGEST_HEIGHT_SPREAD_M = 0.10
+_LARGEST_HEIGHT_ERROR_M = 0.3
 _GROUND_SHARE = (0.05, 0.95)
 _LARGEST_MISSING_SHARE = 0.1
 
@@ -35,6 +37,8 @@ class RunFacts:
         ground_points: Points taken for ground.
         losses: What could not be read or decoded, by reason.
         missing: Merged scans without one of the LiDARs, by topic.
+        height_errors_m: Height that was given less the height that the first scans show, by
+            stream; only where one was given and the ground was found.
         height_spread_m: Spread of the estimated height, by stream; only where it was estimated.
     """
 
@@ -44,6 +48,7 @@ class RunFacts:
     ground_points: int
     losses: Mapping[str, int] = field(default_factory=dict)
     missing: Mapping[str, int] = field(default_factory=dict)
+    height_errors_m: Mapping[str, float] = field(default_factory=dict)
     height_spread_m: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -57,10 +62,10 @@ def judge(facts: RunFacts) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
         lost = ", ".join(f"{count} x {reason}" for reason, count in facts.losses.items())
         doubts.append(f"the log could not be read in full: {lost}")
         advice.append("Save a sound copy with `percept inspect LOG --recover OUT`")
-    for name, spread_m in facts.height_spread_m.items():
-        if spread_m > _LARGEST_HEIGHT_SPREAD_M:
-            doubts.append(f"the height of '{name}' is uncertain (spread {spread_m:.2f} m)")
-            advice.append("Give --sensor-height or a rig")
+    heights = _height_doubts(facts)
+    if heights:
+        doubts += heights
+        advice.append("Give the right --sensor-height or a rig, or leave it to be measured")
     doubts += _ground_doubts(facts)
     for topic, count in facts.missing.items():
         if count > _LARGEST_MISSING_SHARE * facts.frames:
@@ -80,3 +85,18 @@ def _ground_doubts(facts: RunFacts) -> list[str]:
     if _GROUND_SHARE[0] <= share <= _GROUND_SHARE[1]:
         return []
     return [f"{share:.0%} of the points were taken for ground"]
+
+
+def _height_doubts(facts: RunFacts) -> list[str]:
+    given = [
+        f"the height given for '{name}' is {abs(error_m):.2f} m "
+        f"{'above' if error_m > 0 else 'below'} what the scans show"
+        for name, error_m in facts.height_errors_m.items()
+        if abs(error_m) > _LARGEST_HEIGHT_ERROR_M
+    ]
+    found = [
+        f"the height of '{name}' is uncertain (spread {spread_m:.2f} m)"
+        for name, spread_m in facts.height_spread_m.items()
+        if spread_m > _LARGEST_HEIGHT_SPREAD_M
+    ]
+    return given + found

@@ -105,18 +105,19 @@ def _as_json(report: RecoveryReport) -> dict[str, Any]:
 def _inspect(
     bag: Path, limits: InspectConfig, start_s: float | None, end_s: float | None
 ) -> Inspection:
+    from percept.cli.window import log_window_ns
     from percept.datasets import open_recording
     from percept.datasets.inspection import inspect_recording
 
     with open_recording(bag) as recording:
         total = sum(topic.count for topic in recording.topics())
-        first_ns = recording.start_ns or 0
+        start_ns, end_ns = log_window_ns(recording, start_s, end_s)
         with progress_bar("inspecting", total) as advance:
             return inspect_recording(
                 recording,
                 limits,
-                start_ns=None if start_s is None else first_ns + round(start_s * 1e9),
-                end_ns=None if end_s is None else first_ns + round(end_s * 1e9),
+                start_ns=start_ns,
+                end_ns=end_ns,
                 on_progress=advance,
             )
 

@@ -33,11 +33,19 @@ _GAPS_SHOWN = 3
 _COLOURS = {"good": "green", "doubtful": "yellow", "bad": "red"}
 
 
+class _Console(Console):
+    """A console that leaves a closed pipe to the command line's own catcher."""
+
+    def on_broken_pipe(self) -> None:
+        """Let the error through; the base class would end with exit code 1."""
+        raise BrokenPipeError
+
+
 def print_inspection(bag: Path, inspection: Inspection) -> None:
     """Print the inspection of a log on stdout, the most important first."""
-    console = Console(highlight=False)
+    console = _Console(highlight=False)
     if not console.is_terminal:
-        console = Console(highlight=False, width=_WIDTH)
+        console = _Console(highlight=False, width=_WIDTH)
     _print_head(console, bag, inspection)
     start_ns = inspection.start_ns or 0
     tables = (
@@ -61,7 +69,7 @@ def print_inspection(bag: Path, inspection: Inspection) -> None:
 def print_recovery(report: RecoveryReport) -> None:
     """Print on stdout what a recovery has kept and lost."""
     kept, lost = sum(report.kept.values()), sum(report.losses.values())
-    console = Console(highlight=False)
+    console = _Console(highlight=False)
     console.print("\n[bold]Sound copy[/bold]")
     console.print(f"  kept {kept:,} messages on {len(report.kept)} topics")
     for reason, count in sorted(report.losses.items()):

@@ -119,12 +119,21 @@ def first_clouds(
         if all(len(some) >= wanted for some in found.values()):
             break
     if not any(found.values()):
-        what = "no scan in this part of the log" if not clouds else f"all {clouds} scans are empty"
-        if nonfinite:
-            what = f"all points of all {clouds} scans are NaN or infinite ({nonfinite} points)"
         raise InputError(
-            what,
+            _why_nothing(recording, clouds, nonfinite),
             where=", ".join(s.topic or s.name for s in streams.sensors),
             remedy="Choose another --topic, --start or --end, or look with `percept inspect`",
         )
     return found
+
+
+def _why_nothing(recording: Recording, clouds: int, nonfinite: int) -> str:
+    """Say why not one point came out of the log."""
+    if nonfinite:
+        return f"all points of all {clouds} scans are NaN or infinite ({nonfinite} points)"
+    if clouds:
+        return f"all {clouds} scans are empty"
+    if recording.losses:
+        lost = "; ".join(f"{count} x {reason}" for reason, count in recording.losses.items())
+        return f"not one scan can be read: {lost}"
+    return "no scan in this part of the log"

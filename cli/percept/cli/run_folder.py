@@ -28,7 +28,10 @@ _HEAD_BYTES = 1 << 20
 
 
 class RunFolder:
-    """An output folder that one command fills.
+    """An output folder that one command fills; a context manager.
+
+    Making it checks and locks the folder, and changes nothing in it: a command does so before
+    its work, and calls `begin` when the input has turned out to be usable.
 
     Args:
         path: The folder; made when it does not exist.
@@ -64,8 +67,11 @@ class RunFolder:
             raise UsageError(
                 "is in use by another run", where=path, remedy="Wait for it or give another --out"
             ) from error
-        if not resume:
-            self._clear(["run.json", *outputs])
+        self._stale = () if resume else ("run.json", *outputs)
+
+    def begin(self) -> None:
+        """Remove the outputs of an earlier run, unless it is resumed."""
+        self._clear(self._stale)
 
     def _check_contents(self, *, force: bool, resume: bool) -> None:
         found = [p.name for p in self.path.iterdir()] if self.path.is_dir() else []

@@ -18,11 +18,7 @@ _CAMERA_NAMES = {
     "none": (),
 }
 
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    help="Make logs of a synthetic world, with exact truth beside them.",
-)
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 
 @app.callback()

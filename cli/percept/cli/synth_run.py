@@ -25,6 +25,7 @@ def make_drive(
 ) -> dict[str, Any]:
     """Make a drive in a run folder and return the content of its `run.json`."""
     with RunFolder(out, force=force, outputs=_OUTPUTS) as folder:
+        folder.begin()
         with progress_bar("making the drive", 1.0) as advance:
             summary = generate_drive(config, folder.path, log_format, advance)
         return folder.finish(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from percept.core.errors import InputError, TopicNotFoundError, UsageError
+from percept.core.errors import InputError, TopicNotFoundError
 from percept.core.rig import LidarSensor, Rig
 from percept.core.samples import PointCloud, TransformSample
 from percept.core.transform_tree import TransformTree
@@ -41,9 +41,8 @@ def choose_lidars(
         wanted: Topic by sensor name, from the command line; may be empty.
 
     Raises:
-        InputError: If the log has no point clouds at all.
+        InputError: If the log, or a topic that was asked for, has no point clouds.
         TopicNotFoundError: If a topic is not in the log; names the candidates.
-        UsageError: If a topic that was asked for holds no point clouds.
     """
     clouds = {t.topic: t for t in recording.topics() if t.sample_type is PointCloud}
     if not clouds:
@@ -62,7 +61,7 @@ def choose_lidars(
                 remedy=f"Topics with point clouds: {_listed(tuple(clouds.values()))}",
             )
         if topic not in clouds:
-            raise UsageError(
+            raise InputError(
                 f"topic '{topic}' holds {every[topic].msgtype}, not point clouds",
                 remedy=f"Topics with point clouds: {_listed(tuple(clouds.values()))}",
             )

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from percept.core.errors import ConfigError, GeometryError
 from percept.core.settings import Settings
-from percept.lidar.points import as_points
+from percept.lidar.points import as_points, finite_rows
 
 __all__ = ["MAX_GROWTH", "ClusterConfig", "cluster_points"]
 
@@ -49,23 +49,31 @@ def cluster_points(
     """Group points whose chains of gaps stay within the tolerance. Exact, not approximate.
 
     Args:
-        points: (N, 3 or more) float32 x, y, z, metres, finite.
+        points: (N, 3 or more) float32 or float64 x, y, z, metres.
         config: Settings; None takes the defaults.
 
     Returns:
         (N,) int32 cluster of each point, numbered 0, 1, ... in the order of the clusters' first
-        points; -1 where the group is smaller or larger than the settings allow.
+        points; -1 where the group is smaller or larger than the settings allow, and for points
+        with a coordinate that is not finite.
 
     Raises:
-        GeometryError: If the points are not (N, 3+), not finite, or so far from the origin that
+        GeometryError: If the points are not (N, 3+), or so far from the origin that
             the grid of this tolerance cannot count its cells.
     """
     from percept.lidar.cluster_kernels import CELL_PER_TOLERANCE, label_components
 
     config = config or ClusterConfig()
+    finite = finite_rows(points)
+    labels = np.full(len(finite), -1, np.int32)
+    if not finite.any():
+        return labels
+    points = np.asarray(points)[finite, :3]
+    if points.dtype.itemsize > 4 and not config.range_growth:
+        # Kernels work in float32, which has steps of 3 cm at map coordinates: near the cloud's
+        # own middle it has none that matter. Growth with range needs the true origin.
+        points = points - np.median(points, axis=0)
     xyz = as_points(points)
-    if len(xyz) == 0:
-        return np.empty(0, np.int32)
     farthest_m = float(np.abs(xyz).max())
     if farthest_m > config.tolerance_m * CELL_PER_TOLERANCE * _CELLS_FROM_ORIGIN:
         raise GeometryError(
@@ -73,7 +81,7 @@ def cluster_points(
             f"{config.tolerance_m} m",
             remedy="Move the cloud near the origin or give a larger tolerance",
         )
-    return label_components(
+    labels[finite] = label_components(
         xyz,
         config.tolerance_m,
         config.range_growth,
@@ -81,3 +89,4 @@ def cluster_points(
         config.min_points,
         len(xyz) if config.max_points is None else config.max_points,
     )
+    return labels

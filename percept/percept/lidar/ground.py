@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from percept.core.errors import ConfigError
 from percept.core.settings import Settings
-from percept.lidar.points import as_points
+from percept.lidar.points import as_columns, finite_rows
 
 __all__ = ["GroundConfig", "segment_ground"]
 
@@ -78,22 +78,28 @@ def segment_ground(
     """Label the ground points of one scan.
 
     Args:
-        points: (N, 3 or more) float32 x, y, z, metres, finite, in a level frame with z up.
+        points: (N, 3 or more) float32 x, y, z, metres, in a level frame with z up.
         config: Settings; None takes the defaults, whose sensor height is a car's roof.
 
     Returns:
-        (N,) bool, True where a point is ground. Points outside `r_min_m`..`r_max_m` are False.
+        (N,) bool, True where a point is ground. Points outside `r_min_m`..`r_max_m` and points
+        with a coordinate that is not finite are False.
 
     Raises:
-        GeometryError: If the points are not (N, 3+) or not finite.
+        GeometryError: If the points are not (N, 3+).
     """
-    from percept.lidar.ground_kernels import LineLimits, bands_of_bins, fit_lines, label_points
+    from percept.lidar.ground_kernels import LineLimits, fit_lines
+    from percept.lidar.label_kernels import LabelLimits, bands_of_bins, cover_of_bins, label_points
     from percept.lidar.polar_bins import PolarGrid, bins_of_points, lowest_of_bins
 
     config = config or GroundConfig()
-    xyz = as_points(points)
+    columns = as_columns(points)
+    if columns is None:
+        finite = finite_rows(points)
+        finite[finite] = segment_ground(np.asarray(points)[finite], config)
+        return finite
     grid = PolarGrid(config.segments, config.bins, config.r_min_m, config.r_max_m)
-    limits = LineLimits(
+    line_limits = LineLimits(
         config.sensor_height_m,
         config.min_slope,
         config.max_slope,
@@ -102,9 +108,10 @@ def segment_ground(
         config.max_long_height_m,
         config.max_start_height_m,
     )
-    place = bins_of_points(xyz, grid)
-    lowest = lowest_of_bins(xyz, place, grid)
-    lines = fit_lines(xyz, lowest, grid, limits)
-    max_distance_m, search_rad = config.max_dist_to_line_m, config.line_search_angle_rad
-    bands = bands_of_bins(lines, lowest, grid, max_distance_m, search_rad)
-    return label_points(xyz, place, bands, lines, grid, max_distance_m, search_rad)
+    label_limits = LabelLimits(config.max_dist_to_line_m, config.line_search_angle_rad)
+    place = bins_of_points(columns, grid)
+    prototypes = lowest_of_bins(columns, place, grid)
+    lines = fit_lines(prototypes, line_limits)
+    cover = cover_of_bins(lines, grid)
+    bands = bands_of_bins(cover, prototypes.bins, grid, label_limits)
+    return label_points(columns, place, bands, lines, cover, grid, label_limits)

@@ -50,7 +50,9 @@ class Mounting:
     """A sensor's place over the ground.
 
     Attributes:
-        height_m: Height of the sensor's origin over the ground.
+        height_m: Height of the sensor's origin over the ground that is worked with.
+        found_height_m: Height over the ground plane that the clouds show; NaN where none was
+            found. It differs from `height_m` where the user gave another.
         T_level_sensor: Rotation of the sensor frame into a frame with the same origin whose z is
             the ground's normal and whose x is the sensor's x laid onto the ground.
         tilt_deg: Angle between the sensor's z axis (its -z when mounted upside down) and z up.
@@ -61,6 +63,7 @@ class Mounting:
     """
 
     height_m: float
+    found_height_m: float
     T_level_sensor: Transform
     tilt_deg: float
     upside_down: bool
@@ -134,6 +137,7 @@ def estimate_mounting(clouds: Sequence[NDArray[np.floating]], frame: str = "sens
     normal /= np.linalg.norm(normal)
     return Mounting(
         height_m=max(height_m, 0.0),
+        found_height_m=max(height_m, 0.0),
         T_level_sensor=_level(normal, frame),
         tilt_deg=float(np.degrees(np.arccos(min(abs(normal[2]), 1.0)))),
         upside_down=upside_down,
@@ -179,7 +183,8 @@ def _thin(points: NDArray[np.float32]) -> _F32:
     One of the two is on the ground whichever way up the sensor is, and walls, which would
     outnumber it, shrink to two points a cell.
     """
-    squares = points[:, 0] ** 2 + points[:, 1] ** 2
+    with np.errstate(over="ignore"):  # a stray point at 1e30 m is as far as infinity
+        squares = points[:, 0] ** 2 + points[:, 1] ** 2
     near = points[(squares > _NEAREST_M**2) & (squares < _FARTHEST_M**2)]
     cells = np.floor(near[:, :2] * np.float32(1.0 / _CELL_M)).astype(np.int32)
     keys = (cells[:, 0] + 1024) * 2048 + cells[:, 1] + 1024

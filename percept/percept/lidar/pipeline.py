@@ -144,6 +144,7 @@ class LidarDetector:
             raise GeometryError(
                 f"a cloud in frame '{cloud.frame}' came to the detector of frame '{expected}'",
                 where=cloud.topic,
+                remedy="Detect on logs whose frames differ one by one",
             )
         rotation = self.mounting.T_level_sensor.rotation.astype(np.float32)
         return np.ascontiguousarray(cloud.points_xyz @ rotation.T)

@@ -74,38 +74,41 @@ def prepare_detector(
 def _mounting(
     clouds: Sequence[PointCloud], config: LidarConfig, T_base_sensor: Transform | None
 ) -> Mounting:
+    """Return the mounting by the ground plane; what was given or is known wins over it."""
     frame = clouds[0].frame
-    height_m = config.sensor_height_m
-    if not config.level:
-        fixed = np.eye(3)
-    elif T_base_sensor is not None:
-        fixed = T_base_sensor.rotation
-    else:
-        return _found(clouds, frame, height_m)
-    if height_m is None:
-        turned = [np.asarray(c.points_xyz @ fixed.T, np.float32) for c in clouds]
-        found = estimate_mounting(turned, frame)
-        return replace(found, T_level_sensor=_rotation(frame, fixed))
-    return _given(frame, fixed, height_m)
-
-
-def _found(clouds: Sequence[PointCloud], frame: str, height_m: float | None) -> Mounting:
-    """Return the mounting by the ground plane; a height that was given wins over it."""
+    rotation = _known_rotation(config, T_base_sensor)
+    turned = np.eye(3) if rotation is None else rotation
     try:
-        found = estimate_mounting([cloud.points_xyz for cloud in clouds], frame)
+        found = estimate_mounting(
+            [c.points_xyz @ turned.T.astype(np.float32) for c in clouds], frame
+        )
     except GeometryError:
-        if height_m is None:
+        if config.sensor_height_m is None:
             raise
         # The user was told to give the height where no plane is found: then the sensor is
         # taken to stand upright, and `clouds_used` says 0.
-        return _given(frame, np.eye(3), height_m)
-    return found if height_m is None else replace(found, height_m=height_m)
+        return _unseen(frame, turned, config.sensor_height_m)
+    if rotation is not None:
+        found = replace(found, T_level_sensor=_rotation(frame, rotation))
+    if config.sensor_height_m is not None:
+        found = replace(found, height_m=config.sensor_height_m)
+    return found
 
 
-def _given(frame: str, rotation: NDArray[np.float64], height_m: float) -> Mounting:
+def _known_rotation(
+    config: LidarConfig, T_base_sensor: Transform | None
+) -> NDArray[np.float64] | None:
+    """Return the rotation (3, 3) that levels the points; None where the ground must tell it."""
+    if not config.level:
+        return np.eye(3)
+    return None if T_base_sensor is None else T_base_sensor.rotation
+
+
+def _unseen(frame: str, rotation: NDArray[np.float64], height_m: float) -> Mounting:
     cosine = float(rotation[2, 2])
     return Mounting(
         height_m=height_m,
+        found_height_m=float("nan"),
         T_level_sensor=_rotation(frame, rotation),
         tilt_deg=float(np.rad2deg(np.arccos(min(abs(cosine), 1.0)))),
         upside_down=cosine < 0,
