@@ -25,7 +25,7 @@ app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 def synth() -> None:
     """Make logs of a synthetic world, with exact truth beside them.
 
-    Example: percept synth drive --seconds 1 --out street
+    Example: percept synth drive --seconds 0.5 --out world
     """
 
 
