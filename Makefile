@@ -1,5 +1,5 @@
 # Each target does its own set-up, so that it works in a fresh clone.
-.PHONY: demo test test-slow check bench setup clean
+.PHONY: demo test test-slow check bench clean
 
 demo: ## install percept and run the main job on the built-in drive
 	scripts/setup
@@ -22,5 +22,5 @@ bench: ## ratios against other tools, on the real recordings beside the checkout
 	scripts/setup dev
 	scripts/bench
 
-clean:
-	rm -rf .venv build dist demo .mypy_cache .pytest_cache .ruff_cache
+clean: ## remove what the targets above made
+	rm -rf .venv build dist demo .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.datasets.files.cloud_files import read_point_cloud
+from percept.datasets import read_point_cloud
 from percept.evaluation import (
     SegmentationScores,
     ground_scores,
@@ -48,26 +48,7 @@ from percept.lidar import (
 
 _DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _KITTI_CLASSES = ("Pedestrian", "Cyclist", "Car")
-_LINEFIT_TOML = """
-[important]
-height = {c.sensor_height_m}
-[segments]
-r_min = {c.r_min_m}
-r_max = {c.r_max_m}
-n_segments = {c.segments}
-n_bins = {c.bins}
-[ground]
-min_slope = {c.min_slope}
-max_slope = {c.max_slope}
-long_threshold = {c.long_threshold_m}
-max_long_height = {c.max_long_height_m}
-max_start_height = {c.max_start_height_m}
-max_fit_error = {c.max_fit_error_m}
-max_dist_to_line = {c.max_dist_to_line_m}
-line_search_angle = {c.line_search_angle_rad}
-[general]
-n_threads = 1
-"""
+_LINEFIT_TOML = Path(__file__).parents[1] / "parity" / "linefit.toml.in"
 
 Cloud = NDArray[np.float32]
 # A level scan (N, 4) with intensity in 0..1, which Patchwork++ uses, and the height over ground.
@@ -157,7 +138,7 @@ def linefit_engine(config: GroundConfig) -> Any:
     import linefit
 
     with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
-        file.write(_LINEFIT_TOML.format(c=config))
+        file.write(_LINEFIT_TOML.read_text().format(c=config))
         file.flush()
         return linefit.ground_seg(file.name)
 

@@ -11,11 +11,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import Result
 
+from percept.core.rig import load_rig
 from percept.core.samples import PointCloud
+from percept.core.transform import Transform
+from percept.datasets import open_recording
+from percept.datasets.sensors import choose_lidars
 from percept.datasets.write import CloudLayout
 from percept.export.tables import DETECTIONS_3D
 
@@ -97,6 +102,19 @@ def test_several_lidars_are_merged_in_the_base_frame_or_kept_apart(
     assert set(one["sensor"].to_pylist()) == {"lidars"}
     assert len(set(four["sensor"].to_pylist())) == 4
     assert {*one["frame_id"].to_pylist(), *four["frame_id"].to_pylist()} == {"base_link"}
+
+
+def test_the_rig_tells_where_a_sensor_sits_and_else_the_log_does(drive: Path) -> None:
+    rig = load_rig(drive / "rig.yaml")
+    top = rig.lidars()["lidar_top"]
+    assert top.T_base_sensor is not None
+    moved = replace(top, T_base_sensor=Transform.identity("base_link", top.frame))
+    silent = replace(top, T_base_sensor=None)
+    with open_recording(drive / "drive.mcap") as recording:
+        for known, expected in ((moved, np.eye(4)), (silent, top.T_base_sensor.matrix)):
+            (chosen,) = choose_lidars(recording, replace(rig, sensors={"lidar_top": known}), {})
+            assert chosen.T_base_sensor is not None
+            np.testing.assert_allclose(chosen.T_base_sensor.matrix, expected, atol=1e-9)
 
 
 def test_flags_win_over_the_file_and_both_are_stored(drive: Path, run: Run, tmp_path: Path) -> None:
@@ -188,6 +206,9 @@ def test_a_given_height_that_the_scans_contradict_is_doubtful(
     assert "above what the scans show" in " ".join(result["why"])
     (sensor,) = result["config"]["sensors"]
     assert sensor["found_height_m"] < 0.1  # of the base frame, which stands on the road
+    T_base_top = load_rig(drive / "rig.yaml").sensors["lidar_top"].T_base_sensor
+    assert T_base_top is not None
+    assert sensor["height_m"] == pytest.approx(2.6 - T_base_top.translation_m[2], abs=1e-3)
 
 
 def test_a_closed_pipe_is_no_error(drive: Path) -> None:

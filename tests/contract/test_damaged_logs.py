@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Reader as PlainReader1
-from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.rosbag2 import Reader as PlainReader2
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
 
 from percept.core.errors import PerceptError, RecordingError, UsageError
@@ -30,96 +24,6 @@ from percept.datasets.recover import RecoveryReport, recover
 from percept.datasets.write import LogWriter
 
 _Stored = tuple[str, int, bytes]
-_TYPE = "std_msgs/msg/String"
-_CHUNK_BYTES = 16_384
-_QUALITY = (
-    "- {history: 1, depth: 5, reliability: 1, durability: 1, deadline: {sec: 0, nsec: 0}, "
-    "lifespan: {sec: 0, nsec: 0}, liveliness: 1, liveliness_lease_duration: {sec: 0, nsec: 0}, "
-    "avoid_ros_namespace_conventions: false}"
-)
-
-
-def _messages() -> list[tuple[str, int, str]]:
-    """Return small messages with a large one among every ten, as in a log with a camera."""
-    rng = np.random.default_rng(3)
-    messages = []
-    for i in range(660):
-        letters = rng.integers(97, 123, 5_000 if i % 10 == 9 else i % 40, dtype=np.uint8)
-        topic = "/large" if i % 10 == 9 else f"/small{i % 2}"
-        messages.append((topic, 10**18 + i * 10**6, letters.tobytes().decode()))
-    return messages
-
-
-def _write_bag(path: Path, compression: str) -> Path:
-    store = get_typestore(Stores.ROS1_NOETIC)
-    writer = BagWriter(path)
-    writer.chunk_threshold = _CHUNK_BYTES
-    if compression:
-        writer.set_compression(BagWriter.CompressionFormat[compression])
-    with writer:
-        at = {t: writer.add_connection(t, _TYPE, typestore=store, latching=1) for t in _topics()}
-        for topic, time_ns, text in _messages():
-            data = store.serialize_ros1(store.types[_TYPE](text), _TYPE)
-            writer.write(at[topic], time_ns, data)
-    return path
-
-
-def _write_mcap(path: Path, compression: CompressionType, *, chunks: bool = True) -> Path:
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    with path.open("wb") as stream:
-        writer = McapWriter(
-            stream, chunk_size=_CHUNK_BYTES, compression=compression, use_chunking=chunks
-        )
-        writer.start("ros2")
-        text, _ = store.generate_msgdef(_TYPE, ros_version=2)
-        schema = writer.register_schema(_TYPE, "ros2msg", text.encode())
-        quality = {"offered_qos_profiles": _QUALITY}
-        at = {t: writer.register_channel(t, "cdr", schema, quality) for t in _topics()}
-        writer.add_metadata("car", {"name": "percept"})
-        for number, (topic, time_ns, text) in enumerate(_messages()):
-            data = bytes(store.serialize_cdr(store.types[_TYPE](text), _TYPE))
-            writer.add_message(at[topic], time_ns, data, time_ns - 5, number)
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap types all but this
-    return path
-
-
-def _write_db3(folder: Path) -> Path:
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    with Rosbag2Writer(folder, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        at = {t: writer.add_connection(t, _TYPE, typestore=store) for t in _topics()}
-        for topic, time_ns, text in _messages():
-            data = store.serialize_cdr(store.types[_TYPE](text), _TYPE)
-            writer.write(at[topic], time_ns, data)
-    return next(folder.glob("*.db3"))
-
-
-def _topics() -> list[str]:
-    return sorted({topic for topic, _, _ in _messages()})
-
-
-_MAKERS: dict[str, Callable[[Path], Path]] = {
-    "bag": lambda at: _write_bag(at / "plain.bag", ""),
-    "bag bz2": lambda at: _write_bag(at / "bz2.bag", "BZ2"),
-    "bag lz4": lambda at: _write_bag(at / "lz4.bag", "LZ4"),
-    "mcap": lambda at: _write_mcap(at / "plain.mcap", CompressionType.NONE),
-    "mcap zstd": lambda at: _write_mcap(at / "zstd.mcap", CompressionType.ZSTD),
-    "mcap lz4": lambda at: _write_mcap(at / "lz4.mcap", CompressionType.LZ4),
-    "mcap bare": lambda at: _write_mcap(at / "bare.mcap", CompressionType.NONE, chunks=False),
-    "db3": lambda at: _write_db3(at / "log"),
-}
-
-
-@pytest.fixture(scope="session", params=_MAKERS)
-def log(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One sound log of each kind, with the same messages."""
-    return _MAKERS[request.param](tmp_path_factory.mktemp("sound"))
-
-
-@pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """All kinds of sound logs."""
-    at = tmp_path_factory.mktemp("all")
-    return {kind: make(at) for kind, make in _MAKERS.items()}
 
 
 def _read(path: Path) -> tuple[list[_Stored], Counter[str], int]:
@@ -284,7 +188,7 @@ class TestFlippedBits:
         content[(root - 1) * 4096 : root * 4096] = bytes(4096)
         found, losses, _ = _read(_damage(tmp_path / "a.db3", content))
         assert found == written
-        assert losses == {"damaged file; read page by page": 1}
+        assert losses == {"files that are damaged; read page by page": 1}
 
 
 class TestRecover:
@@ -309,7 +213,7 @@ class TestRecover:
         assert _definitions(out) == _definitions(log)
 
     def test_latching_sequence_and_publish_times_are_kept(
-        self, made: dict[str, Path], tmp_path: Path
+        self, made: dict[str, Path], tmp_path: Path, quality: str
     ) -> None:
         recover(made["bag lz4"], tmp_path / "a.bag")
         with PlainReader1(tmp_path / "a.bag") as reader:
@@ -324,8 +228,8 @@ class TestRecover:
             assert [m.metadata for m in reader_2.iter_metadata()] == [{"name": "percept"}]
             summary = reader_2.get_summary()
             assert summary is not None
-            quality = [c.metadata["offered_qos_profiles"] for c in summary.channels.values()]
-            assert quality == [_QUALITY] * 3
+            stated = [c.metadata["offered_qos_profiles"] for c in summary.channels.values()]
+            assert stated == [quality] * 3
             assert {c.compression for c in summary.chunk_indexes} == {"zstd"}
 
     def test_a_folder_gets_new_metadata(self, made: dict[str, Path], tmp_path: Path) -> None:
@@ -350,6 +254,26 @@ class TestRecover:
             recover(out, out, overwrite=True)
         with pytest.raises(UsageError, match="the output lies in the input"):
             recover(made["db3"].parent, made["db3"].parent / "sub")
+
+    @pytest.mark.parametrize(
+        ("kind", "name", "remedy"),
+        [
+            ("bag", "a.mcap", "Name it a.bag"),
+            ("mcap", "a.db3", "Name it a.mcap"),
+            ("db3", "folder", "Name it folder.db3"),
+        ],
+    )
+    def test_the_name_must_say_the_format(
+        self, made: dict[str, Path], tmp_path: Path, kind: str, name: str, remedy: str
+    ) -> None:
+        with pytest.raises(UsageError, match=remedy):
+            recover(made[kind], tmp_path / name)
+        assert not list(tmp_path.iterdir())
+
+    def test_a_folder_becomes_no_file(self, made: dict[str, Path], tmp_path: Path) -> None:
+        with pytest.raises(UsageError, match=r"the copy of a folder is a folder.*Name it a,"):
+            recover(made["db3"].parent, tmp_path / "a.mcap")
+        assert not list(tmp_path.iterdir())
 
     def test_a_failure_leaves_nothing_behind(self, tmp_path: Path) -> None:
         path = tmp_path / "text.mcap"

@@ -9,31 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.datasets.files.cloud_files import read_point_cloud
+from percept.datasets import read_point_cloud
 from percept.lidar.ground import GroundConfig, segment_ground
 
 linefit = pytest.importorskip("linefit")
 
-_TOML = """
-[important]
-height = {c.sensor_height_m}
-[segments]
-r_min = {c.r_min_m}
-r_max = {c.r_max_m}
-n_segments = {c.segments}
-n_bins = {c.bins}
-[ground]
-min_slope = {c.min_slope}
-max_slope = {c.max_slope}
-long_threshold = {c.long_threshold_m}
-max_long_height = {c.max_long_height_m}
-max_start_height = {c.max_start_height_m}
-max_fit_error = {c.max_fit_error_m}
-max_dist_to_line = {c.max_dist_to_line_m}
-line_search_angle = {c.line_search_angle_rad}
-[general]
-n_threads = 1
-"""
+_TOML = Path(__file__).with_name("linefit.toml.in").read_text()
 
 _CONFIGS = {
     "defaults": GroundConfig(sensor_height_m=1.73),

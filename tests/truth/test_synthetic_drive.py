@@ -35,6 +35,7 @@ from percept.datasets.synthetic.drive import (
     generate_drive,
 )
 from percept.datasets.synthetic.navigation import Navigation
+from percept.datasets.synthetic.sensor_rig import T_BASE_GNSS
 from percept.datasets.synthetic.shapes import DETECTABLE
 from percept.datasets.synthetic.truth import light_rows
 from percept.datasets.write import LogFormat
@@ -200,6 +201,24 @@ def test_exact_navigation_agrees_with_the_trajectory(exact: Path) -> None:
     times_s = ego.seconds(np.array([fixes[0].stamp_ns, fixes[-1].stamp_ns]))
     moved = np.diff(ego.poses(times_s)[:, 0, 3])[0]
     assert east == pytest.approx(moved, rel=5e-3)
+
+
+def test_exact_motion_is_told_in_the_axes_and_at_the_places_of_the_sensors() -> None:
+    ego = Drive(SMALL).ego
+    navigation = Navigation(ego, MAP_ORIGIN, seed=7, noise=0.0)
+    moving = [s for s in navigation.odometry(5_000_000_000) if isinstance(s, OdometrySample)]
+    velocities = np.array([s.linear_velocity_mps for s in moving])
+    assert velocities[:, 0].min() > 6.0
+    assert np.abs(velocities[:, 1]).max() < 0.01  # the vehicle points where it goes
+    turning = [s for s in navigation.imu(5_000_000_000) if isinstance(s, ImuSample)]
+    yaws = [np.arctan2(p[1, 0], p[0, 0]) for p in ego.poses(np.array([0.0, 5.0]))]
+    rates = [s.angular_velocity_radps[2] for s in turning]
+    assert np.mean(rates) * 5.0 == pytest.approx(yaws[1] - yaws[0], abs=1e-3)
+    for fix in navigation.gnss(5_000_000_000):
+        assert isinstance(fix, GnssFix)
+        T_map_base = ego.poses(np.atleast_1d(ego.seconds(fix.stamp_ns)))[0]
+        antenna = T_map_base @ T_BASE_GNSS.matrix[:, 3]
+        assert fix.altitude_m - MAP_ORIGIN.altitude_m == pytest.approx(antenna[2], abs=0.005)
 
 
 def test_camera_topics_carry_images_and_intrinsics(tmp_path: Path) -> None:

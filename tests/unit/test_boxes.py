@@ -92,6 +92,16 @@ def test_surface_tells_a_wall_from_a_bush() -> None:
     assert far_share < 0.2
 
 
+def test_surface_measures_depth_along_the_side_that_it_lies_behind() -> None:
+    # The middle of a car 4.4 m long: 1.4 m behind its rear and 0.9 m behind its side.
+    outline = _outline(4.4, 1.8, 401, sides=4)
+    inside = np.tile([[-0.8, 0.0]], (99, 1))
+    points = _placed(np.vstack([outline, inside]), 0.0, (20.0, 0.0))
+    fitted = fit_boxes(points, np.zeros(500, np.int32), BoxConfig(method="min_area"))
+    on_near_sides = (outline[:, 0] < -2.0) | (outline[:, 1] < -0.7)
+    assert fitted.surface[0] == pytest.approx(on_near_sides.sum() / 500, abs=0.02)
+
+
 @pytest.mark.parametrize("method", _METHODS)
 @pytest.mark.parametrize(
     "local",

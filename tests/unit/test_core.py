@@ -38,14 +38,18 @@ def _cloud(points: NDArray[np.float32], **columns: Any) -> PointCloud:
 
 def test_select_keeps_every_field_of_a_point_together() -> None:
     points = np.arange(12, dtype=np.float32).reshape(4, 3)
-    cloud = _cloud(points, intensity=np.arange(4.0), offset_ns=np.arange(4) * 10)
+    cloud = _cloud(
+        points, intensity=np.arange(4.0), offset_ns=np.arange(4) * 10, ring=np.arange(4) + 60
+    )
     part = cloud.select(points[:, 0] > 4)
     assert part.intensity is not None
     assert part.offset_ns is not None
+    assert part.ring is not None
     np.testing.assert_array_equal(part.points_xyz[:, 0], [6, 9])
     np.testing.assert_array_equal(part.intensity, [2, 3])
     np.testing.assert_array_equal(part.offset_ns, [20, 30])
-    assert part.ring is None
+    np.testing.assert_array_equal(part.ring, [62, 63])
+    assert _cloud(points).select(np.array([0])).ring is None
 
 
 @pytest.mark.parametrize(
@@ -95,7 +99,11 @@ def test_rig_round_trip(tmp_path: Path) -> None:
     assert T_base_top is not None
     assert (T_base_top.target, T_base_top.source) == ("base_link", "top")
     assert again.sensors["left"].T_base_sensor is None
-    assert again.cameras()["front"].pinhole().K[1, 1] == 510
+    for front in (rig.cameras()["front"], again.cameras()["front"]):
+        assert front.image_size == (640, 400)
+        assert front.distortion == (-0.1, 0.01, 0.001, 0.002, 0.0)
+        K = front.pinhole().K
+        assert K.tolist() == [[500.0, 0.0, 320.0], [0.0, 510.0, 200.0], [0.0, 0.0, 1.0]]
 
 
 @pytest.mark.parametrize(
@@ -167,6 +175,15 @@ def test_projection_agrees_with_opencv_and_back() -> None:
     np.testing.assert_allclose(
         rays, points / np.linalg.norm(points, axis=1, keepdims=True), atol=1e-9
     )
+
+
+def test_the_image_ends_half_a_pixel_beyond_the_centres_of_its_outer_pixels() -> None:
+    camera = PinholeCamera(
+        (640, 400), np.array([[500, 0, 0], [0, 500, 0], [0, 0, 1.0]]), np.zeros(5)
+    )
+    edges = np.array([[-0.4, 0], [-0.6, 0], [639.4, 399.4], [639.6, 0], [0, 399.6]])
+    _, visible = camera.project(np.column_stack([edges / 500, np.ones(5)]))
+    assert visible.tolist() == [True, False, True, False, False]
 
 
 def test_points_behind_the_camera_have_no_pixel() -> None:

@@ -15,6 +15,7 @@ from percept.core.errors import DecodeError
 from percept.core.samples import (
     GnssFix,
     ImuSample,
+    OdometrySample,
     OtherSample,
     PointCloud,
     PoseSample,
@@ -291,6 +292,36 @@ def test_an_imu_with_a_zero_quaternion_has_no_orientation() -> None:
     data = store.serialize_cdr(message, "sensor_msgs/msg/Imu")
     raw = RawMessage(Connection("/imu", "sensor_msgs/msg/Imu", "cdr"), LOG_TIME_NS, data)
     assert decode_one(raw).quat_xyzw is None
+
+
+def test_an_imu_that_says_so_has_no_orientation_whatever_its_quaternion() -> None:
+    store = standard_types("cdr")
+    message = MessageEncoder("cdr")._imu(IMU)[1]
+    assert message.orientation_covariance[0] == -1.0  # by REP 145
+    message.orientation.z, message.orientation.w = 0.6, 0.8
+    for covariance, expected in ((-1.0, None), (0.0, [0.0, 0.0, 0.6, 0.8])):
+        message.orientation_covariance[0] = covariance
+        data = store.serialize_cdr(message, "sensor_msgs/msg/Imu")
+        raw = RawMessage(Connection("/imu", "sensor_msgs/msg/Imu", "cdr"), LOG_TIME_NS, data)
+        quat_xyzw = decode_one(raw).quat_xyzw
+        assert (None if quat_xyzw is None else quat_xyzw.tolist()) == expected
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_odometry_names_both_frames_and_moves_in_the_childs(encoding: str) -> None:
+    sent = OdometrySample(
+        topic="/odom",
+        **(HEAD | {"frame": "odom"}),
+        T_frame_child=Transform.from_quat_xyzw("odom", "base_link", [1, 2, 3], [0, 0, 0.6, 0.8]),
+        linear_velocity_mps=np.array([4.0, 5.0, 6.0]),
+        angular_velocity_radps=np.array([0.1, 0.2, 0.3]),
+    )
+    found = decode_one(raw_of(sent, encoding))
+    pose = found.T_frame_child
+    assert (found.frame, pose.target, pose.source) == ("odom", "odom", "base_link")
+    np.testing.assert_allclose(pose.matrix, sent.T_frame_child.matrix, atol=1e-12)
+    assert found.linear_velocity_mps.tolist() == [4.0, 5.0, 6.0]
+    assert found.angular_velocity_radps.tolist() == [0.1, 0.2, 0.3]
 
 
 def test_an_imu_that_is_not_finite_is_an_error() -> None:

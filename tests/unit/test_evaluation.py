@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 
-from percept.core.errors import GeometryError
+from percept.core.errors import GeometryError, InputError
 from percept.core.results import Detections3D
 from percept.evaluation import (
     SegmentationScores,
@@ -15,7 +20,9 @@ from percept.evaluation import (
     points_in_box,
     range_band,
     score_clusters,
+    score_run,
 )
+from percept.export.tables import detections_3d_table
 
 
 def _detections(boxes: list[list[float]], labels: list[str], scores: list[float]) -> Detections3D:
@@ -169,3 +176,43 @@ def test_ignored_truth_is_neither_missed_nor_a_false_detection() -> None:
     assert np.isnan(nothing.recall())
     with pytest.raises(GeometryError):
         match_detections(found, truth, ["car"])
+
+
+_STAMP_NS = 1_000_000_000
+
+
+@pytest.fixture
+def truth(tmp_path: Path) -> Path:
+    """Two objects in the map; the vehicle stands at (100, 50) and looks along the map's y."""
+    half = np.sqrt(0.5)
+    poses = {"stamp_ns": [0, 2 * _STAMP_NS], "x": [100.0] * 2, "y": [50.0] * 2, "z": [0.0] * 2,
+             "qx": [0.0] * 2, "qy": [0.0] * 2, "qz": [half] * 2, "qw": [half] * 2}  # fmt: skip
+    objects = {"stamp_ns": [_STAMP_NS] * 2, "x": [100.0, 95.0], "y": [60.0, 70.0], "z": [1.0] * 2,
+               "length": [4.0] * 2, "width": [2.0] * 2, "height": [2.0] * 2, "yaw_rad": [0.0] * 2,
+               "label": ["car", "cone"], "points": [10, 9]}  # fmt: skip
+    pq.write_table(pa.table(poses), tmp_path / "poses.parquet")
+    pq.write_table(pa.table(objects), tmp_path / "objects.parquet")
+    return tmp_path
+
+
+def _run_folder(folder: Path, stamp_ns: int, frame: str = "base_link") -> Path:
+    found = _detections([_box(10.0, 0.0), _box(20.0, 5.0)], ["car", "cone"], [0.9, 0.8])
+    found = replace(found, stamp_ns=stamp_ns, frame_id=frame)
+    pq.write_table(detections_3d_table(0, found), folder / "detections_3d.parquet")
+    return folder
+
+
+def test_a_run_is_scored_in_the_vehicles_frame(truth: Path, tmp_path: Path) -> None:
+    run = _run_folder(tmp_path, _STAMP_NS + 50_000_000)
+    (match,) = score_run(run, truth).matches
+    assert (match.truth, match.detected) == ("car", "car")
+    assert match.range_m == pytest.approx(10.0)
+    assert match.centre_error_m == pytest.approx(0.0, abs=1e-9)
+    assert len(score_run(run, truth, fewest_points=9).matches) == 2
+
+
+def test_a_run_in_another_frame_or_at_another_time_is_refused(truth: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="detections are in lidar, truth needs base_link"):
+        score_run(_run_folder(tmp_path, _STAMP_NS, "lidar"), truth)
+    with pytest.raises(InputError, match="no scan fits the truth in time"):
+        score_run(_run_folder(tmp_path, _STAMP_NS + 70_000_000), truth)

@@ -141,3 +141,29 @@ def test_a_wrong_real_header_loses_only_what_has_no_known_place(shared_data: Pat
     assert cloud.ring is None
     assert cloud.offset_ns is None
     assert "COUNT 0" in next(iter(recording.losses))
+
+
+def test_files_without_numbers_are_topics_of_one_scan_each(tmp_path: Path) -> None:
+    for name in ("top", "left", "right"):
+        write_scan(tmp_path / f"{name}.bin")
+        write_scan(tmp_path / "more" / f"{name}.bin")
+    write_image(tmp_path / "front.png")
+    recording = open_folder(tmp_path)
+    topics = {info.topic: info.count for info in recording.topics()}
+    names = ("left", "right", "top")
+    assert topics == dict.fromkeys(
+        [
+            *(f"/{n}/points" for n in names),
+            *(f"/more/{n}" for n in names),
+            f"/{tmp_path.name}/image",
+        ],
+        1,
+    )
+
+
+def test_one_number_makes_a_sequence(tmp_path: Path) -> None:
+    for name in ("top", "top2"):
+        write_scan(tmp_path / f"{name}.bin")
+    (info,) = open_folder(tmp_path).topics()
+    assert (info.topic, info.count) == (f"/{tmp_path.name}", 2)
+    assert len(list(open_folder(tmp_path).samples(topics=info.topic))) == 2

@@ -65,6 +65,15 @@ def test_the_point_that_breaks_a_line_starts_the_next() -> None:
     assert labels.tolist() == [True] * 7
 
 
+def test_a_long_gap_is_bridged_only_to_where_the_line_leads() -> None:
+    # A step of 0.3 m behind the gap would still fit a line through all: the gap makes it long.
+    flat, beyond = [2.0, 4.0, 6.0, 8.0], [20.0]
+    ray = _ray(flat + beyond, [-_HEIGHT_M] * 4 + [-_HEIGHT_M + 0.3])
+    assert segment_ground(ray, _ALONE).tolist() == [True] * 4 + [False]
+    near = _ALONE.model_copy(update={"long_threshold_m": 15.0})
+    assert segment_ground(ray, near).all()
+
+
 def test_each_point_is_judged_at_its_own_range() -> None:
     # On a slope, a label computed with another point's range is wrong; shuffling separates them.
     scan = np.concatenate([_plane_scan(slope_x=0.1), _pillar(12.0, 5.0, -0.6)])

@@ -58,6 +58,7 @@ class _FakeRecording:
         self.paths: tuple[Path, ...] = (Path("fake.mcap"),)
         self.format = "mcap"
         self.losses = Counter(losses or {})
+        self.notes: tuple[str, ...] = ()
         times = [m.sample.log_time_ns for m in self._messages]
         self.start_ns = min(times, default=None)
         self.end_ns = max(times, default=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,19 @@ def test_a_scan_that_comes_late_in_the_log_is_still_taken() -> None:
     order = [("top", 0), ("top", 100), ("left", 0), ("top", 200), ("left", 100), ("left", 200)]
     groups = _stamps(list(grouper.groups(_scan(*item) for item in order)))
     assert groups == [[("top", t), ("left", t)] for t in (0, 100, 200)]
+
+
+def test_a_group_goes_out_as_soon_as_no_later_scan_can_be_nearer() -> None:
+    grouper = ScanGrouper(["top", "left"], tolerance_ns=10 * _MS)
+    assert grouper.push(_scan("top", 0)) == []
+    assert _stamps(grouper.push(_scan("left", 0))) == [[("top", 0), ("left", 0)]]
+
+
+def test_stamps_decide_which_scans_belong_together_not_times_of_recording() -> None:
+    grouper = ScanGrouper(["top", "left"], tolerance_ns=10 * _MS)
+    delayed = replace(_scan("left", 0), log_time_ns=101 * _MS)
+    order = [_scan("top", 0), _scan("top", 100), delayed, _scan("left", 100)]
+    assert _stamps(list(grouper.groups(order))) == [[("top", t), ("left", t)] for t in (0, 100)]
 
 
 def test_gaps_are_counted_and_scans_are_used_once() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,19 @@ from percept.core.errors import ConfigError, GeometryError, InsufficientDataErro
 from percept.core.samples import PointCloud
 from percept.core.settings import parse_settings
 from percept.core.transform import Transform, rotation_from_rpy
-from percept.lidar import LidarConfig, LidarDetector, ScanResult, prepare_detector
+from percept.lidar import (
+    Classification,
+    ClusterFeatures,
+    IntensityScale,
+    LidarConfig,
+    LidarDetector,
+    Rules,
+    ScanResult,
+    classify_clusters,
+    normalise_intensity,
+    pipeline,
+    prepare_detector,
+)
 from percept.lidar.boxes import fit_boxes
 from percept.lidar.density import estimate_density, fill_of
 from percept.lidar.elevation import ground_height_at
@@ -182,6 +195,71 @@ def test_hostile_clouds_give_no_box(detector: LidarDetector) -> None:
     }
 
 
+def test_ranges_are_distances_in_space(detector: LidarDetector) -> None:
+    far_above, close_below = [99.0, 0.0, 20.0], [0.6, 0.0, -1.2]
+    result = detector.detect(_cloud(np.array([far_above, close_below]), None))
+    assert result.dropped["points farther than 100 m"] == 1
+    np.testing.assert_allclose(result.cloud.points_xyz, [close_below])
+
+
+def test_intensity_is_made_up_for_the_distance_in_space(
+    detector: LidarDetector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ranges: list[float] = []
+
+    def spy(
+        intensity: NDArray[np.float32], range_m: NDArray[np.float32], scale: IntensityScale
+    ) -> NDArray[np.float32]:
+        ranges.extend(range_m.tolist())
+        return normalise_intensity(intensity, range_m, scale)
+
+    monkeypatch.setattr(pipeline, "normalise_intensity", spy)
+    points = np.random.default_rng(0).uniform([3, -0.2, 3.8], [3.2, 0.2, 4.2], (50, 3))
+    result = detector.detect(_cloud(points, np.full(50, 9, np.float32)))
+    assert len(result.detections) == 1
+    np.testing.assert_allclose(ranges, np.linalg.norm(points, axis=1), rtol=0.01)
+
+
+def test_heights_are_over_the_ground_and_not_those_of_the_box(
+    detector: LidarDetector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[ClusterFeatures] = []
+
+    def spy(features: ClusterFeatures, rules: Rules) -> Classification:
+        seen.append(features)
+        return classify_clusters(features, rules)
+
+    monkeypatch.setattr(pipeline, "classify_clusters", spy)
+    road = _street()[0][: 57 * 700]
+    lifted = np.random.default_rng(0).uniform([10, 2, 2.0], [11, 3, 2.6], (300, 3))
+    detector.detect(_cloud(np.vstack([road, lifted - [0, 0, _HEIGHT_M]]), None))
+    assert seen[0].height_m == pytest.approx([2.6], abs=0.06)
+    assert seen[0].clearance_m == pytest.approx([2.0], abs=0.06)
+
+
+def test_points_without_an_intensity_leave_the_mean_of_the_others(detector: LidarDetector) -> None:
+    points = np.random.default_rng(0).uniform([8, 2, 0], [8.5, 2.5, 0.5], (60, 3))
+    intensity = np.where(np.arange(60) % 2, np.nan, 9.0).astype(np.float32)
+    result = detector.detect(_cloud(points, intensity))
+    assert result.detections.mean_intensity.tolist() == [9.0]
+
+
+def test_an_object_below_the_ground_that_is_seen_keeps_its_height(
+    detector: LidarDetector,
+) -> None:
+    points, intensity = _street()
+    car = slice(57 * 700, 57 * 700 + 1300)
+    near = np.hypot(points[:, 0], points[:, 1]) < 30
+    near[car] = False
+    downhill = points[car] + [25, 0, -4]
+    cloud = _cloud(np.vstack([points[near], downhill]), np.append(intensity[near], intensity[car]))
+    # How full a cluster has to be is left out: this car is sampled as if it were near.
+    result = replace(detector, density=None).detect(cloud)
+    np.testing.assert_allclose(
+        result.detections.boxes_m[_row(result, "car"), :2], np.add(_CAR_XY, [25, 0]), atol=0.1
+    )
+
+
 def test_a_cloud_without_intensity_still_has_classes(street: PointCloud) -> None:
     bare = _cloud(street.points_xyz, None)
     detector = prepare_detector([bare])
@@ -249,6 +327,11 @@ def test_fill_of_a_solid_wall_is_about_one() -> None:
     assert fill_of(solid, density)[0] == pytest.approx(1.0, abs=0.15)
     thinned = fit_boxes(wall[car_sized][::5], np.zeros(len(wall[car_sized][::5]), np.int32))
     assert fill_of(thinned, density)[0] < 0.3
+
+
+def test_density_is_that_of_one_cloud() -> None:
+    points = np.random.default_rng(0).normal(size=(5000, 3))
+    np.testing.assert_array_equal(estimate_density([points, points]), estimate_density([points]))
 
 
 def _kitti(path: Path) -> PointCloud:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bz2
 import sqlite3
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -14,10 +14,17 @@ import numpy as np
 import pytest
 import zstandard
 
-from percept.datasets.formats.chunks import ChunkError, merge_in_time, raw_message
+from percept.datasets.formats.chunks import ChunkError, Entry, merge_in_time, raw_message
 from percept.datasets.formats.compressed_file import unpack
-from percept.datasets.formats.compression import CompressionError, decompress, decompress_prefix
-from percept.datasets.formats.rosbag1_records import parse_fields
+from percept.datasets.formats.compression import (
+    CompressionError,
+    decompress,
+    decompress_prefix,
+    largest_plain,
+)
+from percept.datasets.formats.mcap_records import message_entries as mcap_entries
+from percept.datasets.formats.rosbag1_records import connections_in, parse_fields
+from percept.datasets.formats.rosbag1_records import message_entries as bag_entries
 from percept.datasets.formats.sqlite_pages import SqlitePages
 from percept.datasets.messages import Connection
 from percept.datasets.open import log_files
@@ -82,6 +89,52 @@ class TestDecompress:
         assert decompress_prefix(name, packed) == _PLAIN
 
 
+@pytest.mark.parametrize(
+    "packed",
+    [
+        zstandard.ZstdCompressor().compress(bytes(80 << 20)),
+        zstandard.ZstdCompressor(write_content_size=False).compress(bytes(80 << 20)),
+        bz2.compress(bytes(80 << 20), 9),
+    ],
+    ids=["zstd", "zstd without size", "bz2"],
+)
+def test_a_bomb_is_not_unpacked(packed: bytes) -> None:
+    name = "bz2" if packed.startswith(b"BZ") else "zstd"
+    for size in (None, 80 << 20):
+        with pytest.raises(CompressionError, match="more than any recorder writes"):
+            decompress(name, packed, size)
+    assert len(decompress_prefix(name, packed)) < 100 << 20
+
+
+def test_large_chunks_that_shrink_well_are_unpacked() -> None:
+    assert largest_plain(1_000) == 64 << 20
+    assert largest_plain(200_000) == 200_000_000
+    assert largest_plain(1 << 30) == 512 << 20
+
+
+@pytest.mark.parametrize("entries", [bag_entries, mcap_entries])
+def test_a_chunk_of_zeros_is_broken(
+    entries: Callable[[bytes], tuple[list[Entry], bool]],
+) -> None:
+    assert entries(bytes(1_000)) == ([], False)
+    assert entries(b"\x80" + bytes(999)) == ([], False)
+    assert connections_in(bytes(1_000)) == {}
+
+
+def test_no_more_records_are_listed_than_memory_can_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = b"".join(
+        len(f).to_bytes(4, "little") + f for f in (b"op=\2", b"conn=\0\0\0\0", b"time=" + bytes(8))
+    )
+    record = len(bag).to_bytes(4, "little") + bag + bytes(4)
+    assert len(bag_entries(record * 20)[0]) == 20
+    monkeypatch.setattr("percept.datasets.formats.rosbag1_records.MOST_RECORDS", 10)
+    monkeypatch.setattr("percept.datasets.formats.mcap_records.MOST_RECORDS", 10)
+    entries, whole = bag_entries(record * 20)
+    assert (len(entries), whole) == (10, False)
+    entries, whole = mcap_entries((b"\5" + (22).to_bytes(8, "little") + bytes(22)) * 20)
+    assert (len(entries), whole) == (10, False)
+
+
 def test_an_unknown_compression_is_named() -> None:
     with pytest.raises(CompressionError, match="unknown compression 'br'"):
         decompress("br", b"")
@@ -95,6 +148,16 @@ def test_files_of_several_zstd_frames_are_unpacked(tmp_path: Path) -> None:
     packed.write_bytes((_PACKED["zstd"] * 2)[:-9])
     assert not unpack(packed, plain)
     assert plain.read_bytes().startswith(_PLAIN)
+
+
+def test_a_file_made_to_fill_the_disk_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("percept.datasets.formats.compressed_file._ALWAYS_ALLOWED_BYTES", 1 << 20)
+    packed, plain = tmp_path / "a.zst", tmp_path / "a"
+    packed.write_bytes(zstandard.ZstdCompressor().compress(bytes(200 << 20)))
+    assert not unpack(packed, plain)
+    assert plain.stat().st_size < 100 << 20
 
 
 def test_compressed_messages_are_known_by_their_content() -> None:
@@ -149,7 +212,7 @@ class TestSqlitePages:
         (cell,) = (cell for cell in pages.cells(4) if cell.head[0] is None)
         assert (cell.rowid, cell.head[1:], cell.whole) == (1, (2, "x"), False)
         assert pages.last_value(cell.page, cell.index) is None
-        assert pages.lost_pages == 14
+        assert pages.stated_size - pages.size == 26 * 4096 - 50_000
         pages.close()
 
 

@@ -94,6 +94,16 @@ def test_under_a_ceiling_the_floor_is_the_ground() -> None:
     assert not mounting.upside_down
 
 
+def test_what_has_much_ground_below_it_is_not_the_ground() -> None:
+    # A deck 0.8 m under the sensor fills more of the near surface than the road around it.
+    steps = np.arange(-14.0, 14.0, 0.5) + 0.25
+    x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
+    apart = np.maximum(np.abs(x), np.abs(y))
+    cloud = np.column_stack([x, y, np.where(apart < 8.0, -0.8, -1.8)])[apart > 2.5]
+    noisy = cloud + np.random.default_rng(0).normal(0.0, 0.02, cloud.shape)
+    assert estimate_mounting([noisy]).height_m == pytest.approx(1.8, abs=0.05)
+
+
 def test_the_input_is_not_changed_and_the_answer_repeats() -> None:
     cloud = _street(1.7).astype(np.float32)
     kept = cloud.copy()

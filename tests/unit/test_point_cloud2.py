@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError
 from percept.core.samples import PointCloud
+from percept.datasets.decoding.cloud_layout import CloudLayout, packed_points
 from percept.datasets.decoding.point_cloud2 import (
     DATATYPES,
     records_of_livox,
@@ -253,3 +254,15 @@ def test_livox_times_count_from_the_timebase() -> None:
 def test_another_message_of_livox_name_is_refused() -> None:
     with pytest.raises(DecodeError, match="timebase"):
         records_of_livox(SimpleNamespace(points=[]), STAMP_NS, "/livox")
+
+
+def test_a_layout_pads_points_and_rows_as_it_says() -> None:
+    cloud = PointCloud(
+        topic="/top", stamp_ns=0, log_time_ns=0, points_xyz=np.ones((6, 3), np.float32)
+    )
+    plain = packed_points(cloud, CloudLayout(rows=2))
+    assert (plain.width, plain.point_step, plain.row_step, len(plain.data)) == (3, 12, 36, 72)
+    padded = packed_points(cloud, CloudLayout(rows=2, point_padding=4, row_padding=8))
+    assert (padded.width, padded.point_step, padded.row_step) == (3, 16, 56)
+    assert len(padded.data) == 112
+    assert not padded.data[48:56].any()

@@ -89,10 +89,14 @@ def test_tree_takes_the_dynamic_edge_nearest_in_time() -> None:
         matrix[0, 3] = x
         tree.add(Transform("odom", "base_link", matrix), stamp_ns, static=False)
     at_130 = tree.lookup("odom", "base_link", 130)
+    at_170 = tree.lookup("odom", "base_link", 170)
     latest = tree.lookup("odom", "base_link")
     assert at_130 is not None
+    assert at_170 is not None
     assert latest is not None
-    assert (at_130.translation_m[0], latest.translation_m[0]) == (1.0, 2.0)
+    assert at_130.translation_m[0] == 1.0
+    assert at_170.translation_m[0] == 2.0
+    assert latest.translation_m[0] == 2.0
 
 
 def test_tree_names_a_child_with_two_parents_and_refuses_a_cycle() -> None:
@@ -130,3 +134,13 @@ def test_trajectory_interpolates_on_the_shortest_arc() -> None:
     assert trajectory.at(1001) is None
     with pytest.raises(GeometryError, match="rise"):
         Trajectory("map", "base_link", np.array([0, 0]), matrices)
+
+
+def test_trajectory_turns_through_the_half_circle_the_short_way() -> None:
+    # The two quaternions lie in opposite halves: w >= 0 in both, but z changes its sign.
+    matrices = np.stack([np.eye(4), np.eye(4)])
+    matrices[0, :3, :3] = rotation_from_rpy(0, 0, np.pi - 0.2)
+    matrices[1, :3, :3] = rotation_from_rpy(0, 0, np.pi + 0.4)
+    middle = Trajectory("map", "base_link", np.array([0, 1000]), matrices).at(500)
+    assert middle is not None
+    np.testing.assert_allclose(middle.rotation, rotation_from_rpy(0, 0, np.pi + 0.1), atol=1e-12)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -164,9 +163,15 @@ def _fill(
     with FrameJournal(folder.path / _JOURNAL, fingerprint, resume=request.resume) as journal:
         for finished, rows in journal.read():
             summary.add_finished(finished, detections_of(finished, rows))
-        notes = _judge_scans(
-            folder.path, recording, plan, journal, summary, fingerprint, check_interrupt
-        )
+        with ViewWriter(
+            folder.path / "view.rrd",
+            run_id=fingerprint,
+            T_root_frames=plan.transforms(),
+            frames_expected=plan.frames_expected,
+            resume=journal.next_frame > 0,
+        ) as view:
+            _judge_scans(recording, plan, journal, summary, view, check_interrupt)
+            notes = [view.close().as_text()]
         write_parquet(folder.path / "detections_3d.parquet", DETECTIONS_3D, journal.batches())
         if request.overlay:
             _write_overlay(folder.path / "overlay.mcap", journal)
@@ -176,29 +181,17 @@ def _fill(
 
 
 def _judge_scans(
-    out: Path,
     recording: Recording,
     plan: _Plan,
     journal: FrameJournal,
     summary: DetectionSummary,
-    fingerprint: str,
+    view: ViewWriter,
     check_interrupt: Callable[[], None],
-) -> list[str]:
-    """Run the detectors over all scans that are not finished; return notes for the report."""
+) -> None:
+    """Run the detectors over all scans that are not finished."""
     done = journal.next_frame
-    with ExitStack() as stack:
-        view = stack.enter_context(
-            ViewWriter(
-                out / "view.rrd",
-                run_id=fingerprint,
-                T_root_frames=plan.transforms(),
-                frames_expected=plan.frames_expected,
-                resume=done > 0,
-            )
-        )
-        advance = stack.enter_context(progress_bar("detecting", plan.frames_expected))
-        clouds = _with_points(recording, plan, summary)
-        for frame, (name, cloud) in enumerate(clouds):
+    with progress_bar("detecting", plan.frames_expected) as advance:
+        for frame, (name, cloud) in enumerate(_with_points(recording, plan, summary)):
             if frame >= done:
                 result = plan.detectors[name].detect(cloud)
                 journal.append(frame, result)
@@ -206,7 +199,6 @@ def _judge_scans(
                 view.add(frame, result)
             advance(frame + 1)
             check_interrupt()
-        return [view.close().as_text()]
 
 
 def _with_points(
@@ -234,14 +226,8 @@ def _conclude(
     notes: list[str],
 ) -> dict[str, Any]:
     """Judge the run, and write the report and `run.json`."""
-    streams = plan.streams
     verdict, why, advice = judge(_facts(recording, plan, summary))
-    dropped = dict(summary.dropped)
-    dropped.update(recording.losses)
-    dropped.update({f"merged scan without {t}": n for t, n in streams.missing.items()})
-    dropped.update(
-        {f"scan of {t} that fits no merged scan": n for t, n in streams.unmatched.items()}
-    )
+    losses = _losses(recording, plan.streams)
     config = {
         **plan.config.model_dump(mode="json"),
         "sensors": [_describe(plan, name) for name in plan.detectors],
@@ -254,25 +240,37 @@ def _conclude(
         advice=advice,
         inputs=[describe_input(path) for path in recording.paths],
         settings=config,
-        losses={k: n for k, n in dropped.items() if k not in summary.dropped},
+        losses=losses,
         notes=notes,
     )
     write_report(folder.path / "report.html", content)
-    counts = {
-        "frames": summary.frames,
-        "objects": summary.objects,
-        "labels": dict(summary.labels.most_common()),
-        "points": sum(s.points for s in summary.sensors.values()),
-        "ground_points": sum(s.ground_points for s in summary.sensors.values()),
-    }
     return folder.finish(
         config=config,
         inputs=recording.paths,
-        counts=counts,
-        dropped=dropped,
+        counts=_counts(summary),
+        dropped={**summary.dropped, **losses},
         verdict=verdict,
         why=why,
     )
+
+
+def _losses(recording: Recording, streams: LidarStreams) -> dict[str, int]:
+    """Return what did not reach the detectors, by reason: what they left out comes on top."""
+    return {
+        **recording.losses,
+        **{f"merged scan without {topic}": n for topic, n in streams.missing.items()},
+        **{f"scan of {t} that fits no merged scan": n for t, n in streams.unmatched.items()},
+    }
+
+
+def _counts(summary: DetectionSummary) -> dict[str, Any]:
+    return {
+        "frames": summary.frames,
+        "objects": summary.objects,
+        "labels": dict(summary.labels.most_common()),
+        "points": summary.points,
+        "ground_points": summary.ground_points,
+    }
 
 
 def _facts(recording: Recording, plan: _Plan, summary: DetectionSummary) -> RunFacts:
@@ -281,8 +279,8 @@ def _facts(recording: Recording, plan: _Plan, summary: DetectionSummary) -> RunF
     return RunFacts(
         frames=summary.frames,
         objects=summary.objects,
-        points=sum(s.points for s in summary.sensors.values()),
-        ground_points=sum(s.ground_points for s in summary.sensors.values()),
+        points=summary.points,
+        ground_points=summary.ground_points,
         losses=dict(recording.losses),
         missing=dict(plan.streams.missing),
         height_spread_m={} if given else {n: m.sd_height_m for n, m in mountings.items()},

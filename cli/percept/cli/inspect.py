@@ -53,7 +53,7 @@ def inspect(
     force: Annotated[
         bool, typer.Option("--force", help="Let --recover replace a file that exists.")
     ] = False,
-    json_: JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Say what is in a log, what is wrong with it and which jobs it can be used for.
 
@@ -72,7 +72,7 @@ def inspect(
     # The copy comes first, so that an output that cannot be written is known at once.
     recovery = None if recover is None else _recover(bag, recover, force=force)
     inspection = _inspect(bag, limits, start, end)
-    if json_:
+    if as_json:
         document = inspection.to_dict()
         if recovery is not None:
             document["recovery"] = _as_json(recovery)

@@ -17,7 +17,7 @@ from percept.datasets.decoding.decode import Decoder
 from percept.datasets.formats.chunks import merge_in_time
 from percept.datasets.losses import PassLosses
 from percept.datasets.messages import Connection, MessageSource, RawMessage
-from percept.datasets.recording import Envelope, TopicInfo
+from percept.datasets.recording import Envelope, TopicInfo, wanted_topics
 
 __all__ = ["BagRecording"]
 
@@ -43,6 +43,9 @@ class BagRecording:
             # From here on all sources count into the one counter that the recording shows.
             self.losses.update(source.losses)
             source.losses = self.losses
+        self.notes: tuple[str, ...] = tuple(
+            dict.fromkeys(note for source in sources for note in source.notes)
+        )
         starts = [s.start_ns for s in sources if s.start_ns is not None]
         ends = [s.end_ns for s in sources if s.end_ns is not None]
         self.start_ns: int | None = min(starts, default=None)
@@ -82,6 +85,7 @@ class BagRecording:
 
         Static transforms are latched: with a start time, the last of each before it come first.
         """
+        topics = wanted_topics(topics)
         self._require(topics)
         return self._samples(topics, start_ns, end_ns)
 
@@ -131,6 +135,7 @@ class BagRecording:
         end_ns: int | None = None,
     ) -> Iterator[RawMessage]:
         """Yield messages as they were serialized, in log-time order with bounded memory."""
+        topics = wanted_topics(topics)
         wanted = None if topics is None else frozenset(topics)
         return merge_in_time(
             [
@@ -143,6 +148,7 @@ class BagRecording:
 
     def envelopes(self, *, topics: Collection[str] | None = None) -> Iterator[Envelope]:
         """Yield times and sizes of messages in log-time order, without decoding them."""
+        topics = wanted_topics(topics)
         self._require(topics)
         return (
             Envelope(

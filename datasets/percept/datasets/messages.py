@@ -8,10 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-__all__ = ["Connection", "MessageSource", "RawMessage", "RosMessage"]
+__all__ = ["NO_CHECKSUMS", "Connection", "MessageSource", "RawMessage", "RosMessage"]
 
 RosMessage: TypeAlias = Any
 """A decoded message, or a part of one: its class is generated from its definition at run time."""
+
+
+NO_CHECKSUMS = "payloads carry no checksum: flipped bits in them cannot be noticed"
+"""Note on a log whose format, or whose writer, protects its payloads by nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +63,7 @@ class MessageSource(Protocol):
         start_ns: Smallest log time, or None for an empty log.
         end_ns: Largest log time, or None for an empty log.
         losses: What could not be read, by reason, with a count; empty for a sound log.
+        notes: What a user should know of the file besides; no defects.
     """
 
     paths: tuple[Path, ...]
@@ -68,6 +73,7 @@ class MessageSource(Protocol):
     start_ns: int | None
     end_ns: int | None
     losses: Counter[str]
+    notes: tuple[str, ...]
 
     def messages(
         self,

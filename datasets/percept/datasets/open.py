@@ -6,8 +6,9 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
+from percept.core.clock import NS_PER_MS
 from percept.core.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -77,16 +78,22 @@ def _open_folder_of_logs(folder: Path, losses: Counter[str]) -> Iterator[Message
         raise RecordingError(
             "metadata.yaml is here, but no log file", where=folder, remedy=f"Give {_KINDS}"
         )
-    missing = _stated_files(folder) - {file.name for file in files}
+    stated = _stated(folder)
+    missing = _file_names(stated) - {file.name for file in files}
     if missing:
         losses["files missing that metadata.yaml names"] += len(missing)
+    sources: list[MessageSource] = []
     for file in files:
         try:
-            yield open_source(file)
+            sources.append(open_source(file))
         except RecordingError as error:
             if len(files) == 1:
                 raise
             losses[f"files that cannot be used ({file.name}: {error.what})"] += 1
+            continue
+        yield sources[-1]
+    if losses or any(source.losses for source in sources):
+        losses.update(_missing(stated, sources))
 
 
 def log_files(folder: Path) -> tuple[Path, ...]:
@@ -100,17 +107,47 @@ def log_files(folder: Path) -> tuple[Path, ...]:
     return tuple(found.values())
 
 
-def _stated_files(folder: Path) -> set[str]:
-    """Return the names of the files that metadata.yaml lists; none if it cannot be read."""
+def _stated(folder: Path) -> dict[str, Any]:
+    """Return what metadata.yaml says; nothing if it cannot be read."""
     import yaml
 
     try:
         text = (folder / "metadata.yaml").read_text(errors="replace")
-        files = yaml.safe_load(text)["rosbag2_bagfile_information"]["relative_file_paths"]
-        return {Path(str(file)).name for file in files}
+        stated = yaml.safe_load(text)["rosbag2_bagfile_information"]
     except (OSError, yaml.YAMLError, KeyError, TypeError):
         # The files tell all that this one could: it is not needed to read them.
-        return set()
+        return {}
+    return stated if isinstance(stated, dict) else {}
+
+
+def _file_names(stated: dict[str, Any]) -> set[str]:
+    names = stated.get("relative_file_paths")
+    return {Path(str(name)).name for name in names} if isinstance(names, list) else set()
+
+
+def _missing(stated: dict[str, Any], sources: Sequence[MessageSource]) -> dict[str, int]:
+    """Return what a damaged log lacks of the messages and of the time that metadata.yaml states."""
+    known = sum(
+        count
+        for source in sources
+        for reason, count in source.losses.items()
+        if reason.startswith("messages")
+    )
+    found = sum(count for source in sources for count in source.counts.values())
+    last_ns = max((s.end_ns for s in sources if s.end_ns is not None), default=0)
+    try:
+        messages = int(stated["message_count"]) - found - known
+        start_ns = int(stated["starting_time"]["nanoseconds_since_epoch"])
+        end_ns = start_ns + int(stated["duration"]["nanoseconds"])
+    except (KeyError, TypeError, ValueError):
+        return {}
+    lacking = {
+        "messages missing, of those that metadata.yaml states": messages,
+        "milliseconds missing at the end, of the time that metadata.yaml states": (
+            (end_ns - last_ns) // NS_PER_MS if last_ns else 0
+        ),
+    }
+    return {reason: count for reason, count in lacking.items() if count > 0}
 
 
 def open_source(path: Path) -> MessageSource:
@@ -132,7 +169,7 @@ def open_source(path: Path) -> MessageSource:
         from percept.datasets.formats.compressed_file import CompressedSource
 
         return CompressedSource(path, open_source)
-    opener = _opener(magic)
+    opener = _opener(magic) or _salvager(path)
     if opener is None:
         raise RecordingError(
             f"not a log: it begins with {magic[:8]!r}", where=path, remedy=f"Give {_KINDS}"
@@ -153,4 +190,23 @@ def _opener(magic: bytes) -> Callable[[Path], MessageSource] | None:
         from percept.datasets.formats.sqlite3_log import Sqlite3Source
 
         return Sqlite3Source
+    return None
+
+
+def _salvager(path: Path) -> Callable[[Path], MessageSource] | None:
+    """Return what opens a file by its name: one whose first bytes are damaged, but no others."""
+    name, size = path.name.lower(), path.stat().st_size
+    with path.open("rb") as file:
+        if name.endswith((".bag", ".bag.active")):
+            from percept.datasets.formats.rosbag1 import has_bag_chunks, open_rosbag1
+
+            return open_rosbag1 if has_bag_chunks(file, size) else None
+        if name.endswith(".mcap"):
+            from percept.datasets.formats.mcap_log import holds_mcap, open_mcap
+
+            return open_mcap if holds_mcap(file, size) else None
+    if name.endswith(".db3"):
+        from percept.datasets.formats.sqlite3_log import Sqlite3Source, has_log_tables
+
+        return Sqlite3Source if has_log_tables(path) else None
     return None

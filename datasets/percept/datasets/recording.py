@@ -11,7 +11,7 @@ from typing import Protocol, Self
 
 from percept.core.samples import Sample
 
-__all__ = ["Envelope", "Recording", "TopicInfo"]
+__all__ = ["Envelope", "Recording", "TopicInfo", "wanted_topics"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +50,11 @@ class Envelope:
     size_bytes: int
 
 
+def wanted_topics(topics: Collection[str] | None) -> Collection[str] | None:
+    """Return topics as a collection: one name may come as a bare text, which is one of letters."""
+    return (topics,) if isinstance(topics, str) else topics
+
+
 class Recording(Protocol):
     """A log or a folder, open for reading; also a context manager.
 
@@ -60,6 +65,7 @@ class Recording(Protocol):
         end_ns: Largest log time, or None for an empty recording.
         losses: What could not be read or decoded, by reason, with a count. Grows while
             samples are read.
+        notes: What a user should know besides; no defects.
     """
 
     paths: tuple[Path, ...]
@@ -67,6 +73,7 @@ class Recording(Protocol):
     start_ns: int | None
     end_ns: int | None
     losses: Counter[str]
+    notes: tuple[str, ...]
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """Return all topics, sorted by name."""
@@ -84,7 +91,7 @@ class Recording(Protocol):
         A message that cannot be decoded is counted in `losses` and skipped.
 
         Args:
-            topics: Only these topics; all where it is None.
+            topics: Only these topics, or this one; all where it is None.
             start_ns: Smallest log time, inclusive.
             end_ns: Largest log time, inclusive.
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RecoveryReport", "recover"]
 
+_SUFFIXES = {"rosbag1": ".bag", "sqlite3": ".db3", "mcap": ".mcap"}
+
 
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
@@ -52,14 +54,17 @@ def recover(path: Path, out: Path, *, overwrite: bool = False) -> RecoveryReport
 
     Raises:
         RecordingError: If nothing can be read.
-        UsageError: If the output exists, or is or lies within the input.
+        UsageError: If the output exists, or is or lies within the input, or if its name is not
+            one for the format of the log.
     """
     if not path.exists():
         raise RecordingError("no such file or folder", where=path, remedy="Check the path")
     if path.is_dir():
         return _recover_folder(path, out, overwrite=overwrite)
     _check_output(out, (path,), overwrite=overwrite)
-    kept, losses = _recover_file(path, out)
+    with contextlib.closing(open_source(path)) as source:
+        _check_suffix(out, source.format)
+        kept, losses = _recover_file(source, out)
     return RecoveryReport((path,), (out,), dict(kept), dict(losses))
 
 
@@ -72,21 +77,31 @@ def _check_output(out: Path, inputs: Iterable[Path], *, overwrite: bool) -> None
         raise UsageError("the output exists", where=out, remedy="Choose another or use --force")
 
 
-def _recover_file(path: Path, out: Path) -> tuple[Counter[str], Counter[str]]:
+def _check_suffix(out: Path, log_format: str) -> None:
+    """Refuse a name that would lie: the copy has the format of the log."""
+    suffix = _SUFFIXES[log_format]
+    if out.suffix.lower() != suffix:
+        raise UsageError(
+            f"the copy has the format of the log, {log_format}, which this name does not say",
+            where=out,
+            remedy=f"Name it {out.with_suffix(suffix).name}",
+        )
+
+
+def _recover_file(source: MessageSource, out: Path) -> tuple[Counter[str], Counter[str]]:
     """Write one file under a temporary name, and rename it when it is whole."""
     out.parent.mkdir(parents=True, exist_ok=True)
     partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
-    with contextlib.closing(open_source(path)) as source:
-        try:
-            kept = rewrite(_plain(source), partial)
-            partial.replace(out)
-        except OSError as error:
-            raise InputError(
-                f"cannot be written ({error.strerror})", where=out, remedy="Free space or rights"
-            ) from error
-        finally:
-            partial.unlink(missing_ok=True)
-        return kept, source.losses
+    try:
+        kept = rewrite(_plain(source), partial)
+        partial.replace(out)
+    except OSError as error:
+        raise InputError(
+            f"cannot be written ({error.strerror})", where=out, remedy="Free space or rights"
+        ) from error
+    finally:
+        partial.unlink(missing_ok=True)
+    return kept, source.losses
 
 
 def _plain(source: MessageSource) -> MessageSource:
@@ -99,6 +114,12 @@ def _recover_folder(folder: Path, out: Path, *, overwrite: bool) -> RecoveryRepo
         raise RecordingError("no log file in it", where=folder, remedy="Give a folder with logs")
     if out.resolve().is_relative_to(folder.resolve()):
         raise UsageError("the output lies in the input", where=out, remedy="Choose another path")
+    if out.suffix.lower() in _SUFFIXES.values():
+        raise UsageError(
+            "the copy of a folder is a folder, and this is the name of a file",
+            where=out,
+            remedy=f"Name it {out.stem}, or give one file of the folder",
+        )
     targets = {file: out / _plain_name(file) for file in files}
     for target in (*targets.values(), out / "metadata.yaml"):
         _check_output(target, files, overwrite=overwrite)
@@ -107,7 +128,8 @@ def _recover_folder(folder: Path, out: Path, *, overwrite: bool) -> RecoveryRepo
     written = []
     for file, target in targets.items():
         try:
-            kept_here, lost_here = _recover_file(file, target)
+            with contextlib.closing(open_source(file)) as source:
+                kept_here, lost_here = _recover_file(source, target)
         except RecordingError as error:
             losses[f"files that cannot be used ({file.name}: {error.what})"] += 1
             continue

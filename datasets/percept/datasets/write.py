@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Self
 from percept.core.errors import UsageError
 from percept.core.samples import Sample
 from percept.datasets.decoding.cloud_layout import CloudLayout
-from percept.datasets.decoding.encode import ImageCoding, MessageEncoder, is_static_topic
+from percept.datasets.decoding.encode import ImageCoding, MessageEncoder
+from percept.datasets.decoding.message_samples import is_static_topic
 from percept.datasets.decoding.typestores import DefinitionCatalog
 from percept.datasets.formats.log_sinks import Compression, LogFormat, LogSink, open_sink
 from percept.datasets.messages import RawMessage

@@ -95,6 +95,16 @@ class DetectionSummary:
         return self.labels.total()
 
     @property
+    def points(self) -> int:
+        """Points of all frames."""
+        return sum(totals.points for totals in self.sensors.values())
+
+    @property
+    def ground_points(self) -> int:
+        """Points of all frames that were taken for ground."""
+        return sum(totals.ground_points for totals in self.sensors.values())
+
+    @property
     def pictures(self) -> tuple[Picture, ...]:
         """A few frames from above, evenly over those of each sensor that came with points."""
         most = max(1, _PICTURES // max(1, len(self._pictures)))

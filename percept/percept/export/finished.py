@@ -11,11 +11,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from percept.core.results import Detections3D
+from percept.export.tables import BOX_COLUMNS
 from percept.lidar.result import ScanResult
 
 __all__ = ["FinishedFrame", "detections_of", "finished_frame"]
-
-_BOX_COLUMNS = ("x", "y", "z", "length", "width", "height", "yaw_rad")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,7 @@ def detections_of(finished: FinishedFrame, rows: pa.RecordBatch) -> Detections3D
         stamp_ns=finished.stamp_ns,
         sensor=finished.sensor,
         frame_id=finished.frame_id,
-        boxes_m=np.column_stack([numbers(name) for name in _BOX_COLUMNS]),
+        boxes_m=np.column_stack([numbers(name) for name in BOX_COLUMNS]),
         labels=tuple(rows.column("label").to_pylist()),
         confidences=numbers("confidence"),
         mean_intensity=numbers("mean_intensity"),

@@ -45,7 +45,6 @@ class FrameJournal:
     Attributes:
         frames: Number of frames that are finished.
         next_frame: Number of the first frame that is not.
-        last: The last finished frame of each sensor.
 
     Raises:
         UsageError: If the folder holds another unfinished run, or is being written to.
@@ -62,7 +61,6 @@ class FrameJournal:
             raise
         self.frames = 0
         self.next_frame = 0
-        self.last: dict[str, FinishedFrame] = {}
         for finished, _ in self.read():
             self._count(finished)
         self._sink: IO[bytes] | None = None
@@ -126,7 +124,6 @@ class FrameJournal:
     def _count(self, finished: FinishedFrame) -> None:
         self.frames += 1
         self.next_frame = finished.frame + 1
-        self.last[finished.sensor] = finished
 
     def _parts(self) -> list[Path]:
         return sorted(self._folder.glob("part-*.arrows"))

@@ -11,10 +11,11 @@ import pyarrow.parquet as pq
 
 from percept.core.results import Detections3D
 
-__all__ = ["DETECTIONS_3D", "detections_3d_table", "write_parquet"]
+__all__ = ["BOX_COLUMNS", "DETECTIONS_3D", "detections_3d_table", "write_parquet"]
 
 _ROWS_PER_GROUP = 65_536
-_BOX_COLUMNS = ("x", "y", "z", "length", "width", "height", "yaw_rad")
+BOX_COLUMNS = ("x", "y", "z", "length", "width", "height", "yaw_rad")
+"""Columns of a box, in the order of `Detections3D.boxes_m`."""
 
 DETECTIONS_3D = pa.schema(
     [
@@ -22,7 +23,7 @@ DETECTIONS_3D = pa.schema(
         ("stamp_ns", pa.int64()),
         ("sensor", pa.string()),
         ("frame_id", pa.string()),
-        *((name, pa.float64()) for name in _BOX_COLUMNS),
+        *((name, pa.float64()) for name in BOX_COLUMNS),
         ("label", pa.string()),
         ("confidence", pa.float64()),
         ("mean_intensity", pa.float64()),

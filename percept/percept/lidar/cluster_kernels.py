@@ -62,7 +62,7 @@ def _slot(ix: int, iy: int, size: int) -> int:
     """Return where column (ix, iy) is looked for first in a table of 2^k places."""
     mixed = np.uint64(ix) * np.uint64(0x9E3779B97F4A7C15)
     mixed += np.uint64(iy) * np.uint64(0xC2B2AE3D27D4EB4F)
-    return np.int64((mixed ^ (mixed >> np.uint64(32))) & np.uint64(size - 1))  # type: ignore[return-value]
+    return int(np.int64((mixed ^ (mixed >> np.uint64(32))) & np.uint64(size - 1)))
 
 
 @compiled

@@ -25,10 +25,11 @@ from percept.core.samples import (
 )
 from percept.core.transform import Transform, quat_xyzw_from_matrix
 from percept.datasets.decoding.cloud_layout import CloudLayout, packed_points
+from percept.datasets.decoding.message_samples import is_static_topic
 from percept.datasets.decoding.typestores import standard_types
 from percept.datasets.messages import RosMessage
 
-__all__ = ["ImageCoding", "MessageEncoder", "is_static_topic"]
+__all__ = ["ImageCoding", "MessageEncoder"]
 
 ImageCoding = Literal["raw", "jpeg", "png"]
 """How images are written: as they are, by JPEG (quality 95), or by PNG."""
@@ -44,11 +45,6 @@ _RAW_ENCODINGS = {
 _COVARIANCE_KNOWN = 3
 _SERVICE_GPS = 1
 _NO_ORIENTATION = -1.0
-
-
-def is_static_topic(topic: str) -> bool:
-    """Tell whether a tf topic is the latched one, which only its name says."""
-    return topic.rstrip("/").endswith("tf_static")
 
 
 class MessageEncoder:

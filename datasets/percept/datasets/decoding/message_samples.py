@@ -32,7 +32,7 @@ from percept.datasets.decoding.point_cloud2 import records_of_livox, records_of_
 from percept.datasets.decoding.point_records import cloud_from_records
 from percept.datasets.messages import RosMessage
 
-__all__ = ["CONVERTERS", "Converter", "SampleHead", "head_of"]
+__all__ = ["CONVERTERS", "Converter", "SampleHead", "head_of", "is_static_topic"]
 
 
 class SampleHead(NamedTuple):
@@ -70,6 +70,11 @@ def head_of(message: RosMessage, topic: str, log_time_ns: int) -> SampleHead:
         return SampleHead(topic, log_time_ns, log_time_ns, "")
     frame = _frame_name(str(getattr(header, "frame_id", "")))
     return SampleHead(topic, _nanoseconds(stamp), log_time_ns, frame)
+
+
+def is_static_topic(topic: str) -> bool:
+    """Tell whether a tf topic is the latched one, which only its name says."""
+    return topic.rstrip("/").endswith("tf_static")
 
 
 def _nanoseconds(stamp: RosMessage) -> int:
@@ -175,7 +180,7 @@ def _pose_with_covariance(message: RosMessage, head: SampleHead, _: Counter[str]
 
 
 def _transforms(message: RosMessage, head: SampleHead, _: Counter[str]) -> list[Sample]:
-    static = head.topic.rstrip("/").endswith("tf_static")
+    static = is_static_topic(head.topic)
     samples: list[Sample] = []
     for stamped in message.transforms:
         edge = head_of(stamped, head.topic, head.log_time_ns)

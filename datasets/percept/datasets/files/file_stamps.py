@@ -20,7 +20,7 @@ from pathlib import Path
 
 from percept.core.clock import NS_PER_MS, NS_PER_S
 
-__all__ = ["file_stamps_ns", "stamp_in_name"]
+__all__ = ["file_stamps_ns", "stamp_in_name", "time_list"]
 
 _STEP_NS = 100 * NS_PER_MS
 _LARGEST_STEP = 10**7
@@ -68,7 +68,7 @@ def _single_number(file: Path) -> int | None:
 
 
 def _listed_stamps(files: Sequence[Path], root: Path, notes: Counter[str]) -> list[int] | None:
-    path = _time_list(files[0].parent, root)
+    path = time_list(files[0].parent, root)
     if path is None:
         return None
     try:
@@ -85,7 +85,8 @@ def _listed_stamps(files: Sequence[Path], root: Path, notes: Counter[str]) -> li
     return None
 
 
-def _time_list(folder: Path, root: Path) -> Path | None:
+def time_list(folder: Path, root: Path) -> Path | None:
+    """Return the list of times of a folder, which lies in it or above it; None without one."""
     for _ in range(_LEVELS_ABOVE):
         for name in _TIME_LISTS:
             if (folder / name).is_file():

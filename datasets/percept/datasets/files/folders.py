@@ -1,8 +1,10 @@
 """Folders of scans and images as a recording: KITTI, Argoverse 2 exports, plain collections.
 
 Every sub-folder with point clouds or images is a topic named by its path below the folder that
-was opened (a last `data`, as in raw KITTI, is left out). Its frame is the last part of the
-topic. `file_stamps` says where the stamps come from; log time and stamp are the same.
+was opened (a last `data`, as in raw KITTI, is left out). Files of one folder that have no
+digit in their names (`top.pcd`, `left.pcd`) are no sequence: each is a topic of one scan, named
+by the file. A topic's frame is its last part. `file_stamps` says where the stamps come from; log
+time and stamp are the same.
 """
 
 from __future__ import annotations
@@ -21,9 +23,9 @@ from percept.core.errors import DecodeError, RecordingError, TopicNotFoundError
 from percept.core.samples import CameraImage, PointCloud, Sample
 from percept.datasets.decoding.images import pixels_of_file_bytes
 from percept.datasets.files.cloud_files import CLOUD_SUFFIXES, cloud_from_file
-from percept.datasets.files.file_stamps import file_stamps_ns
+from percept.datasets.files.file_stamps import file_stamps_ns, time_list
 from percept.datasets.losses import PassLosses
-from percept.datasets.recording import Envelope, TopicInfo
+from percept.datasets.recording import Envelope, TopicInfo, wanted_topics
 
 __all__ = ["FolderRecording", "open_folder"]
 
@@ -79,6 +81,7 @@ class FolderRecording:
         self.start_ns: int | None = min(stamps, default=None)
         self.end_ns: int | None = max(stamps, default=None)
         self.losses: Counter[str] = Counter() if losses is None else losses
+        self.notes: tuple[str, ...] = ()
         self._undecoded: Counter[str] = Counter()
         self._first_failures: dict[str, str] = {}
 
@@ -149,6 +152,7 @@ class FolderRecording:
         )
 
     def _files(self, topics: Collection[str] | None) -> Iterator[_File]:
+        topics = wanted_topics(topics)
         wanted = self._streams.keys() if topics is None else topics
         for topic in wanted:
             if topic not in self._streams:
@@ -214,9 +218,21 @@ def _streams_of(
     ]
     endings = ("/points", "/image") if all(kinds) else ("", "")
     for kind, ending in zip(kinds, endings, strict=True):
-        if kind:
-            files = [folder / name for name in sorted(kind, key=_natural_order)]
+        files = [folder / name for name in sorted(kind, key=_natural_order)]
+        if _are_no_sequence(files, root):
+            above = "" if folder == root else topic
+            for file in files:
+                yield _stream([file], f"{above}/{file.stem}{ending}", root, notes)
+        elif files:
             yield _stream(files, topic + ending, root, notes)
+
+
+def _are_no_sequence(files: list[Path], root: Path) -> bool:
+    """Return whether several files have names without a number, and no list of times."""
+    stems = {file.stem for file in files}
+    named = len(files) > 1 and len(stems) == len(files)
+    numbered = any(char.isdigit() for stem in stems for char in stem)
+    return named and not numbered and time_list(files[0].parent, root) is None
 
 
 def _natural_order(name: str) -> list[tuple[int, str]]:

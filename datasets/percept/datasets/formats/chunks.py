@@ -8,6 +8,7 @@ chunk that turns out to be broken is counted and left out; the rest goes on.
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -18,9 +19,13 @@ from pathlib import Path
 from typing import BinaryIO, Protocol, TypeVar
 
 from percept.datasets.formats.compression import ZSTD_MAGIC, CompressionError, decompress
-from percept.datasets.messages import Connection, RawMessage
+from percept.datasets.messages import NO_CHECKSUMS, Connection, RawMessage
 
 __all__ = [
+    "DAMAGED_MAGIC",
+    "MISSING_BYTES",
+    "MOST_RECORDS",
+    "REBUILT",
     "Chunk",
     "ChunkError",
     "ChunkFormat",
@@ -33,6 +38,18 @@ __all__ = [
 
 Entry = tuple[int, int, int, int]
 """One message in a loaded chunk: log time in ns, connection id, start and end of its payload."""
+
+REBUILT = "files whose index is missing or damaged; read through as a whole"
+"""Reason of a loss that is none yet: what the index would have stated can only be missed."""
+
+MOST_RECORDS = 1 << 21
+"""Records of one chunk that are looked at, so that a list of them needs less than half a GB.
+
+Recorders put some thousands into one, and into 60 MiB no more fit, even of empty messages.
+"""
+
+DAMAGED_MAGIC = "files whose first bytes, the file magic, are damaged"
+MISSING_BYTES = "bytes missing at the end of the file, at least"
 
 _T = TypeVar("_T")
 _NEVER = 1 << 65
@@ -92,10 +109,59 @@ class ChunkIndex:
             held = replace(chunk, start_ns=min(times), end_ns=max(times), ids=frozenset(counts))
             self.chunks.append(held)
 
+    def count_lost(self, stated: int, entries: list[Entry], reason: str, size: int) -> None:
+        """Count what a chunk did not give.
+
+        Args:
+            stated: Messages that it should have as the index states, 0 where it does not.
+            entries: The messages that were found in it.
+            reason: What is wrong with it, as a clause; empty for a chunk that reads well.
+            size: Bytes of its content.
+        """
+        if stated > len(entries):
+            reason = reason or "with broken records"
+            self.losses[f"messages in chunks {reason}"] += stated - len(entries)
+        elif reason and (not stated or stated < len(entries)):
+            self.losses[f"chunks (with an unknown number of messages) {reason}"] += 1
+            unread = _unread(size, entries)
+            if unread:
+                self.losses[f"bytes without a whole message in chunks {reason}"] += unread
+
+    def count_cut(self, size: int, entries: list[Entry], missing: int) -> None:
+        """Count what is lost of a chunk that the end of the file cuts.
+
+        Args:
+            size: Bytes of its content that could be had.
+            entries: The messages that were found in it.
+            missing: Bytes of the chunk that lie behind the end of the file.
+        """
+        self.losses["chunks that the end of the file cuts"] += 1
+        reasons = {
+            "bytes behind the last whole message of a cut chunk": _unread(size, entries),
+            MISSING_BYTES: missing,
+        }
+        self.losses.update({reason: count for reason, count in reasons.items() if count > 0})
+
+    def count_missing(self, stated: int, where: str) -> None:
+        """Count the messages that a file's own total has beyond those found and those lost.
+
+        Args:
+            stated: The total.
+            where: What states it, as a clause.
+        """
+        lost = sum(n for reason, n in self.losses.items() if reason.startswith("messages"))
+        missing = stated - self.counts.total() - lost
+        if missing > 0:
+            self.losses[f"messages missing, of those that the {where}"] += missing
+
     def drop_unknown(self) -> None:
         """Count messages whose connection was lost, and forget them."""
         for key in self.counts.keys() - self.connections.keys():
             self.losses["messages of unknown connections"] += self.counts.pop(key)
+
+
+def _unread(size: int, entries: list[Entry]) -> int:
+    return max(size - (entries[-1][3] if entries else 0), 0)
 
 
 class ChunkFormat(Protocol):
@@ -117,6 +183,14 @@ class ChunkFormat(Protocol):
 
     def indexed_counts(self, file: BinaryIO, chunk: Chunk) -> Mapping[int, int]:
         """Return messages by connection id as the file's index states; empty if it does not."""
+        ...
+
+    def has_checksum(self, file: BinaryIO, chunk: Chunk) -> bool:
+        """Return whether a flipped bit in a chunk would be noticed.
+
+        Raises:
+            ChunkError: If its record is damaged.
+        """
         ...
 
 
@@ -205,8 +279,17 @@ class ChunkedSource:
         held = [chunk for chunk in index.chunks if chunk.ids is None or chunk.ids]
         self.start_ns: int | None = min((c.start_ns for c in held), default=None)
         self.end_ns: int | None = max((c.end_ns for c in held), default=None)
+        self.notes: tuple[str, ...] = () if self._has_checksums() else (NO_CHECKSUMS,)
         self._late = 0
+        self._given: Counter[int] = Counter()
         self._judged = {chunk.offset for chunk in index.chunks if index.scanned}
+
+    def _has_checksums(self) -> bool:
+        """Return whether the first readable chunk has one: a writer has one habit."""
+        for chunk in self.index.chunks:
+            with contextlib.suppress(ChunkError):
+                return self.layout.has_checksum(self.file, chunk)
+        return True
 
     def messages(
         self,
@@ -274,8 +357,24 @@ class ChunkedSource:
             reason = str(error)
         if chunk.offset not in self._judged:
             self._judged.add(chunk.offset)
-            self._count_lost(chunk, Counter(entry[1] for entry in entries), reason)
+            found = Counter(entry[1] for entry in entries)
+            self._given.update(found)
+            self._count_lost(chunk, found, reason)
+            if len(self._judged) == len(self.index.chunks):
+                self._reconcile()
         return data, entries
+
+    def _reconcile(self) -> None:
+        """Count what all chunks together lack of the total that the index states."""
+        given = dict.fromkeys(self.counts, 0)
+        for key, count in self._given.items():
+            if key in self.index.connections:
+                given[self.index.connections[key].topic] += count
+        for topic, count in given.items():
+            if self.counts[topic] > count:
+                missing = self.counts[topic] - count
+                self.losses["messages missing, of those that the index states"] += missing
+            self.counts[topic] = count
 
     def _count_lost(self, chunk: Chunk, found: Counter[int], reason: str) -> None:
         """Compare what a chunk gave with what the index states, and count the difference."""

@@ -15,7 +15,10 @@ from percept.datasets.messages import Connection, MessageSource, RawMessage
 
 __all__ = ["CompressedSource", "unpack"]
 
-_BLOCK_BYTES = 1 << 16
+# A block of zstd may grow 32768 times: this is what bounds the memory.
+_BLOCK_BYTES = 1 << 11
+_ALWAYS_ALLOWED_BYTES = 1 << 30
+_MOST_EXPANSION = 1000
 
 
 def unpack(path: Path, target: Path) -> bool:
@@ -44,6 +47,9 @@ def _copy(packed: BinaryIO, plain: BinaryIO) -> bool:
         if ended:
             frame = decompressor.decompressobj()
         plain.write(frame.decompress(data))
+        if plain.tell() > max(_ALWAYS_ALLOWED_BYTES, _MOST_EXPANSION * packed.tell()):
+            # Made to fill the disk: no log shrinks so far.
+            return False
         ended = frame.eof
         data = frame.unused_data if ended and frame.unused_data else packed.read(_BLOCK_BYTES)
     return ended
@@ -80,6 +86,7 @@ class CompressedSource:
         self.counts: dict[str, int] = self.plain.counts
         self.start_ns: int | None = self.plain.start_ns
         self.end_ns: int | None = self.plain.end_ns
+        self.notes: tuple[str, ...] = self.plain.notes
         if not whole:
             self.plain.losses["compressed files that break off"] += 1
 

@@ -11,7 +11,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -22,7 +22,16 @@ from mcap.records import ChunkIndex as SummaryChunk
 from mcap.records import Statistics
 from mcap.stream_reader import StreamReader
 
-from percept.datasets.formats.chunks import Chunk, ChunkedSource, ChunkError, ChunkIndex
+from percept.datasets.formats.chunks import (
+    DAMAGED_MAGIC,
+    MISSING_BYTES,
+    REBUILT,
+    Chunk,
+    ChunkedSource,
+    ChunkError,
+    ChunkIndex,
+    Entry,
+)
 from percept.datasets.formats.compression import CompressionError, decompress, decompress_prefix
 from percept.datasets.formats.mcap_records import (
     HEAD_BYTES,
@@ -34,9 +43,8 @@ from percept.datasets.formats.mcap_records import (
     read_head,
 )
 
-__all__ = ["McapLayout", "open_mcap"]
+__all__ = ["McapLayout", "holds_mcap", "open_mcap"]
 
-_REBUILT = "index missing or damaged; rebuilt by reading the whole file"
 _RUN_BYTES = 1 << 22
 _FOOTER = struct.Struct("<QQI")
 _TAIL_BYTES = HEAD_BYTES + _FOOTER.size + len(MAGIC)
@@ -64,7 +72,7 @@ class McapLayout:
             return file.read(chunk.size)
         head = read_chunk_head(file, chunk.offset)
         file.seek(head.data_start)
-        data = file.read(min(head.data_size, chunk.size))
+        data = file.read(min(head.data_size, chunk.offset + chunk.size - head.data_start))
         try:
             if chunk.cut:
                 return decompress_prefix(head.compression, data)
@@ -84,19 +92,35 @@ class McapLayout:
             if len(content) < 6:
                 break
             key, size = struct.unpack("<HI", content)
+            if head[1] - position != HEAD_BYTES + len(content) + size:
+                # It states its length twice: a number that damage made is not believed.
+                break
             counts[key] = counts.get(key, 0) + size // 16
             position = head[1]
         return counts
 
+    def has_checksum(self, file: BinaryIO, chunk: Chunk) -> bool:
+        """Return whether a chunk states a CRC; messages outside of chunks have none."""
+        return not chunk.bare and read_chunk_head(file, chunk.offset).crc != 0
+
+
+def holds_mcap(file: BinaryIO, size: int) -> bool:
+    """Return whether a file ends as mcap, or has a chunk of one, whatever it begins with."""
+    file.seek(max(size - len(MAGIC), 0))
+    return file.read() == MAGIC or find_chunk(file, 0, size) is not None
+
 
 def open_mcap(path: Path) -> ChunkedSource:
-    """Open an mcap file; one that does not begin as mcap has been refused before."""
+    """Open an mcap file; what does not even `holds_mcap` has been refused before."""
     layout = McapLayout()
     size = path.stat().st_size
     with path.open("rb") as file:
         index = _read_summary(file, size, layout)
         if index is None:
             index = _Scan(file, layout).run(len(MAGIC), size)
+        file.seek(0)
+        if file.read(len(MAGIC)) != MAGIC:
+            index.losses[DAMAGED_MAGIC] += 1
     return ChunkedSource(path, layout, index)
 
 
@@ -174,7 +198,7 @@ def _with_counts(
 
 
 def _has_bare_messages(file: BinaryIO, chunks: list[SummaryChunk], summary_start: int) -> bool:
-    """Return whether there are messages between chunks, which no index lists."""
+    """Return whether there is between chunks what no index lists: messages, or damage."""
     ends = [c.chunk_start_offset + c.chunk_length + c.message_index_length for c in chunks]
     starts = [c.chunk_start_offset for c in chunks]
     for position, following in zip(
@@ -184,6 +208,8 @@ def _has_bare_messages(file: BinaryIO, chunks: list[SummaryChunk], summary_start
             if head[0] == Opcode.MESSAGE:
                 return True
             position = head[1]
+        if position != following:
+            return True
     return False
 
 
@@ -212,10 +238,12 @@ class _Scan:
         self.layout = layout
         self.index = ChunkIndex(scanned=True)
         self.run_start: int | None = None
+        self.size = 0
+        self.statistics: Statistics | None = None
 
     def run(self, position: int, size: int) -> ChunkIndex:
         """Return all that can be read between two positions."""
-        ended = False
+        ended, self.size = False, size
         while position < size and not ended:
             head = read_head(self.file, position)
             if head is None or head[0] == 0 or head[1] > size:
@@ -226,34 +254,33 @@ class _Scan:
             if opcode != Opcode.MESSAGE or self._run_is_full(position):
                 self._close_run(position)
             ended = opcode == Opcode.DATA_END
-            self._take(opcode, position, end)
-            position = end
+            position = self._take(opcode, position, end)
         self._close_run(min(position, size))
-        if not ended or not self._has_footer(position, size):
-            self.index.losses[_REBUILT] += 1
+        sound_end = ended and self._read_end(position, size)
+        if not sound_end:
+            self.index.losses[REBUILT] += 1
+        section = _summary_section(self.file, size)
+        if section:
+            self.layout.definitions.read(section[1])
         self.index.connections = self.layout.definitions.connections()
         self.index.drop_unknown()
-        self._count_missing(size)
+        statistics = self.statistics or (_statistics(section[1]) if section else None)
+        self.index.count_missing(statistics.message_count if statistics else 0, "statistics state")
         return self.index
 
-    def _count_missing(self, size: int) -> None:
-        """Compare what was found with the statistics, where the summary still has them."""
-        section = _summary_section(self.file, size)
-        statistics = _statistics(section[1]) if section else None
-        if statistics is not None:
-            reasons = self.index.losses.items()
-            known = sum(count for reason, count in reasons if reason.startswith("messages"))
-            missing = statistics.message_count - self.index.counts.total() - known
-            if missing > 0:
-                self.index.losses["messages missing, of those that the statistics state"] += missing
-
-    def _has_footer(self, position: int, size: int) -> bool:
-        """Return whether the file ends as it should, without a summary or with a sound one."""
+    def _read_end(self, position: int, size: int) -> bool:
+        """Read the summary; return whether it is none or a sound one, with a footer."""
         while (head := read_head(self.file, position)) and head[1] <= size:
             if head[0] == Opcode.FOOTER:
                 return (
                     self.file.read(8) == bytes(8) or _summary_section(self.file, size) is not None
                 )
+            if head[0] in (Opcode.SCHEMA, Opcode.CHANNEL):
+                # What a lost chunk declares the summary repeats.
+                self._take(head[0], position, head[1])
+            if head[0] == Opcode.STATISTICS:
+                self.file.seek(position)
+                self.statistics = _statistics(self.file.read(head[1] - position))
             position = head[1]
         return False
 
@@ -276,41 +303,53 @@ class _Scan:
             self.index.losses["bytes between damaged records"] += following - position
             return following
         if head is not None and head[0] == Opcode.CHUNK:
-            self._take_chunk(Chunk(position, size - position, 0, 0, cut=True))
+            self._take_cut(Chunk(position, size - position, 0, 0, cut=True), head[1] - size)
         elif head is not None and head[0] == Opcode.MESSAGE:
             self.index.losses["messages that the end of the file cuts"] += 1
+            self.index.losses[MISSING_BYTES] += head[1] - size
         else:
             self.index.losses["bytes at the end that are no records"] += size - position
         return size
 
-    def _take(self, opcode: int, position: int, end: int) -> None:
+    def _take(self, opcode: int, position: int, end: int) -> int:
+        """Take one record; return where the next one begins."""
         if opcode == Opcode.CHUNK:
-            self._take_chunk(Chunk(position, end - position, 0, 0))
-        elif opcode == Opcode.MESSAGE and self.run_start is None:
+            return self._take_chunk(Chunk(position, end - position, 0, 0))
+        if opcode == Opcode.MESSAGE and self.run_start is None:
             self.run_start = position
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             self.file.seek(position + HEAD_BYTES)
             self.layout.definitions.add(opcode, self.file.read(end - position - HEAD_BYTES))
+        return end
 
-    def _take_chunk(self, chunk: Chunk) -> None:
-        losses = self.index.losses
+    def _take_chunk(self, chunk: Chunk) -> int:
+        data, entries, reason = self._read(chunk)
+        end = following = chunk.offset + chunk.size
+        if reason:
+            # Where a part of the file is missing, the stated size reaches into the next chunks.
+            following = min(find_chunk(self.file, chunk.offset + 1, self.size) or end, end)
+        if following < end:
+            chunk = replace(chunk, size=following - chunk.offset)
+            data, entries, _ = self._read(chunk)
+        self._keep(chunk, data, entries)
+        counts = self.layout.indexed_counts(self.file, chunk) if following == end else {}
+        self.index.count_lost(sum(counts.values()), entries, reason, len(data) or chunk.size)
+        return following
+
+    def _take_cut(self, chunk: Chunk, missing: int) -> None:
+        data, entries, _ = self._read(chunk)
+        self._keep(chunk, data, entries)
+        self.index.count_cut(len(data) or chunk.size, entries, missing)
+
+    def _read(self, chunk: Chunk) -> tuple[bytes, list[Entry], str]:
+        """Return a chunk's content and messages, and what is wrong with it."""
         try:
             data = self.layout.load(self.file, chunk)
         except ChunkError as error:
-            self._count_lost(chunk, 0, str(error))
-            return
-        self.layout.definitions.read(data)
+            return b"", [], str(error)
         entries, whole = message_entries(data)
-        if chunk.cut:
-            losses["chunks that the end of the file cuts"] += 1
-        else:
-            self._count_lost(chunk, len(entries), "" if whole else "with broken records")
-        self.index.add(chunk, entries)
+        return data, entries, "" if whole else "with broken records"
 
-    def _count_lost(self, chunk: Chunk, kept: int, reason: str) -> None:
-        stated = sum(self.layout.indexed_counts(self.file, chunk).values())
-        if stated > kept:
-            reason = reason or "with broken records"
-            self.index.losses[f"messages in chunks {reason}"] += stated - kept
-        elif reason:
-            self.index.losses[f"chunks (with an unknown number of messages) {reason}"] += 1
+    def _keep(self, chunk: Chunk, data: bytes, entries: list[Entry]) -> None:
+        self.layout.definitions.read(data)
+        self.index.add(chunk, entries)

@@ -18,7 +18,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from percept.datasets.formats.chunks import ChunkError, Entry
+from percept.datasets.formats.chunks import MOST_RECORDS, ChunkError, Entry
 from percept.datasets.messages import Connection
 
 __all__ = [
@@ -105,13 +105,18 @@ class Definitions:
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and end of the whole records of a chunk's content."""
+    """Yield opcode, start and end of the whole records of a chunk's content.
+
+    No record is empty: a chunk of zeros is not worth walking through.
+    """
     position = 0
-    while position + HEAD_BYTES <= len(data):
+    for _ in range(MOST_RECORDS):
+        if position + HEAD_BYTES > len(data):
+            return
         opcode, length = _HEAD.unpack_from(data, position)
         start = position + HEAD_BYTES
         position = start + length
-        if position > len(data):
+        if position > len(data) or not opcode or not length:
             return
         yield opcode, start, position
 
@@ -121,18 +126,20 @@ def message_entries(data: bytes) -> tuple[list[Entry], bool]:
     entries: list[Entry] = []
     position, size = 0, len(data)
     head, message = _HEAD.unpack_from, _MESSAGE.unpack_from
-    while position + HEAD_BYTES <= size:
+    for _ in range(MOST_RECORDS):
+        if position + HEAD_BYTES > size:
+            return entries, position == size
         opcode, length = head(data, position)
         start = position + HEAD_BYTES
         position = start + length
-        if position > size or opcode == 0:
+        if position > size or not opcode or not length:
             return entries, False
         if opcode == Opcode.MESSAGE:
             if length < _MESSAGE.size:
                 return entries, False
             key, _, log_time_ns, _ = message(data, start)
             entries.append((log_time_ns, key, start + _MESSAGE.size, position))
-    return entries, position == size
+    return entries, False
 
 
 def message_head(data: bytes | memoryview, payload_start: int) -> tuple[int, int]:

@@ -39,7 +39,7 @@ __all__ = ["rewrite"]
 
 # rosbag2 keeps a copy of metadata.yaml in the log; its counts are those of the lost original.
 _STALE_METADATA = "rosbag2"
-_SQLITE_BATCH = 1000
+_PROFILES = {"cdr": "ros2", "ros1": "ros1"}
 
 
 def rewrite(source: MessageSource, target: Path) -> Counter[str]:
@@ -104,7 +104,7 @@ def _rewrite_mcap(source: ChunkedSource, layout: McapLayout, target: Path) -> Co
     written = Counter(dict.fromkeys(source.counts, 0))
     with target.open("wb") as stream:
         writer = Writer(stream, compression=_mcap_compression(source))
-        writer.start(profile=_mcap_profile(source.file))
+        writer.start(profile=_mcap_profile(source))
         channels = _declare_mcap(writer, layout)
         for key, log_time_ns, view, start, end in source.located():
             sequence, publish_ns = message_head(view, start)
@@ -146,13 +146,15 @@ def _mcap_compression(source: ChunkedSource) -> CompressionType:
     return CompressionType.NONE
 
 
-def _mcap_profile(file: BinaryIO) -> str:
-    """Return the profile in the header record, or an empty one where that is damaged."""
+def _mcap_profile(source: ChunkedSource) -> str:
+    """Return the profile in the header record; where that is damaged, the encoding tells it."""
     from mcap.opcode import Opcode
 
+    file = source.file
     head = read_head(file, len(MAGIC))
     if head is None or head[0] != Opcode.HEADER:
-        return ""
+        profiles = {_PROFILES.get(c.encoding, "") for c in source.connections}
+        return profiles.pop() if len(profiles) == 1 else ""
     content = file.read(min(head[1] - len(MAGIC) - HEAD_BYTES, 1 << 16))
     size = int.from_bytes(content[:4], "little")
     return content[4 : 4 + size].decode("ascii", errors="ignore") if size <= 32 else ""

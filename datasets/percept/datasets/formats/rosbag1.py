@@ -8,12 +8,21 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO
 
 from percept.core.errors import RecordingError
-from percept.datasets.formats.chunks import Chunk, ChunkedSource, ChunkError, ChunkIndex
+from percept.datasets.formats.chunks import (
+    DAMAGED_MAGIC,
+    MISSING_BYTES,
+    REBUILT,
+    Chunk,
+    ChunkedSource,
+    ChunkError,
+    ChunkIndex,
+    Entry,
+)
 from percept.datasets.formats.compression import CompressionError, decompress, decompress_prefix
 from percept.datasets.formats.rosbag1_records import (
     BAG_HEADER,
@@ -31,10 +40,11 @@ from percept.datasets.formats.rosbag1_records import (
     time_ns,
 )
 
-__all__ = ["BagLayout", "open_rosbag1"]
+__all__ = ["BagLayout", "has_bag_chunks", "open_rosbag1"]
 
+# The LZ4 frame format: 4 bytes of magic, then flags, of them those of block and content checksums.
+_LZ4_FLAGS_AT, _LZ4_CHECKSUMS = 4, 0x14
 _OPS = frozenset({BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION})
-_REBUILT = "index missing or damaged; rebuilt by reading the whole file"
 
 
 @dataclass(slots=True)
@@ -76,6 +86,16 @@ class BagLayout:
         """Return what the index states for a chunk; see `ChunkFormat.indexed_counts`."""
         return self.stated.get(chunk.offset, {})
 
+    def has_checksum(self, file: BinaryIO, chunk: Chunk) -> bool:
+        """Return whether a chunk is protected: bz2 always is, lz4 where a flag says so."""
+        head = read_head(file, chunk.offset)
+        if head is None:
+            raise ChunkError("whose record is damaged")
+        file.seek(head.data_start + _LZ4_FLAGS_AT)
+        flags = int.from_bytes(file.read(1), "little")
+        compression = head.fields.get(b"compression")
+        return compression == b"bz2" or (compression == b"lz4" and bool(flags & _LZ4_CHECKSUMS))
+
 
 def _stated_content(head: Head) -> tuple[str, int]:
     """Return compression and decompressed size of a chunk."""
@@ -95,21 +115,36 @@ def open_rosbag1(path: Path) -> ChunkedSource:
     layout = BagLayout()
     size = path.stat().st_size
     with path.open("rb") as file:
+        sound_magic = _check_magic(path, file, size)
         head = _bag_header(path, file)
         index = _read_index(file, size, head, layout) if head else None
         if index is None:
             index = _Scan(file, size, layout).run()
             _state_lost_chunks(head, index, size)
+        if not sound_magic:
+            index.losses[DAMAGED_MAGIC] += 1
     return ChunkedSource(path, layout, index)
 
 
-def _bag_header(path: Path, file: BinaryIO) -> Head | None:
-    if file.read(len(MAGIC)) != MAGIC:
+def has_bag_chunks(file: BinaryIO, size: int) -> bool:
+    """Return whether there is a chunk of a ROS 1 bag in a file, whatever it begins with."""
+    return find_chunk(file, 0, size) is not None
+
+
+def _check_magic(path: Path, file: BinaryIO, size: int) -> bool:
+    """Return whether the file begins as it should; it may not if it holds chunks."""
+    if file.read(len(MAGIC)) == MAGIC:
+        return True
+    if not has_bag_chunks(file, size):
         raise RecordingError(
             "a ROS bag of another version than 2.0",
             where=path,
             remedy="Convert it with `rosbag fix` or record it anew",
         )
+    return False
+
+
+def _bag_header(path: Path, file: BinaryIO) -> Head | None:
     head = read_head(file, len(MAGIC))
     if head is None or head.op != BAG_HEADER:
         return None
@@ -186,6 +221,16 @@ def _declare(found: Mapping[int, BagConnection], index: ChunkIndex, layout: BagL
     index.connections.update({key: detail.connection for key, detail in found.items()})
 
 
+@dataclass(slots=True)
+class _Broken:
+    """A chunk that did not give all, while the index records behind it are read."""
+
+    reason: str
+    entries: list[Entry]
+    size: int
+    stated: int = 0
+
+
 class _Scan:
     """Reading through a whole bag, record by record, past what is damaged."""
 
@@ -194,8 +239,9 @@ class _Scan:
         self.size = size
         self.layout = layout
         self.index = ChunkIndex(scanned=True)
-        self.index.losses[_REBUILT] += 1
-        self.bad_chunk = False
+        self.index.losses[REBUILT] += 1
+        self.stated = 0
+        self.broken: _Broken | None = None
 
     def run(self) -> ChunkIndex:
         """Return all that can be read."""
@@ -212,12 +258,13 @@ class _Scan:
                 )
                 break
             elif head.op == CHUNK and self._is_unfinished(head):
-                self._take_chunk(Chunk(position, self.size - position, 0, 0, cut=True))
+                self._take_cut(head, Chunk(position, self.size - position, 0, 0, cut=True))
                 break
             else:
-                self._take(position, head)
-                position = head.end
+                position = self._take(position, head)
+        self._settle()
         self.index.drop_unknown()
+        self.index.count_missing(self.stated, "index states")
         _note_compression(self.file, self.index, self.layout)
         return self.index
 
@@ -232,40 +279,71 @@ class _Scan:
         return find_chunk(self.file, after, self.size) is not None
 
     def _resynchronise(self, position: int, after: int) -> int:
+        self._settle()
         following = find_chunk(self.file, after, self.size)
         end = self.size if following is None else following
         self.index.losses["bytes between damaged records"] += end - position
         return end
 
-    def _take(self, position: int, head: Head) -> None:
+    def _take(self, position: int, head: Head) -> int:
+        """Take one record; return where the next one begins."""
         if head.op == CHUNK:
-            cut = head.end > self.size
-            self._take_chunk(Chunk(position, min(head.end, self.size) - position, 0, 0, cut=cut))
-        elif head.op == INDEX and self.bad_chunk:
-            self.index.losses["messages in damaged chunks"] += _number(head, b"count")
+            return self._take_chunk(position, head)
+        if head.op == INDEX and self.broken is not None:
+            self.broken.stated += _number(head, b"count")
+        elif head.op == CHUNK_INFO:
+            self.file.seek(head.data_start)
+            counts = self.file.read(head.data_size // 8 * 8)
+            self.stated += sum(count for _, count in struct.iter_unpack("<II", counts))
         elif head.op == CONNECTION:
             self.file.seek(position)
             found = connections_in(self.file.read(head.end - position))
             _declare(found, self.index, self.layout)
+        return head.end
 
-    def _take_chunk(self, chunk: Chunk) -> None:
-        losses = self.index.losses
-        self.bad_chunk = False
+    def _take_chunk(self, position: int, head: Head) -> int:
+        self._settle()
+        chunk = Chunk(position, min(head.end, self.size) - position, 0, 0, cut=head.end > self.size)
+        if chunk.cut:
+            self._take_cut(head, chunk)
+            return head.end
+        data, entries, reason = self._read(chunk)
+        end = head.end
+        if reason:
+            # Where a part of the file is missing, the stated size reaches into the next chunks.
+            end = min(find_chunk(self.file, head.data_start, self.size) or end, end)
+        if end < head.end:
+            chunk = replace(chunk, size=end - position)
+            data, entries, _ = self._read(chunk)
+        self._keep(chunk, data, entries)
+        if reason:
+            self.broken = _Broken(reason, entries, len(data) or end - head.data_start)
+        return end
+
+    def _read(self, chunk: Chunk) -> tuple[bytes, list[Entry], str]:
+        """Return a chunk's content and messages, and what is wrong with it."""
         try:
             data = self.layout.load(self.file, chunk)
         except ChunkError as error:
-            losses[f"chunks {error}"] += 1
-            self.bad_chunk = True
-            return
+            return b"", [], str(error)
         entries, whole = self.layout.entries(data)
-        if chunk.cut:
-            losses["chunks that the end of the file cuts"] += 1
-        elif not whole:
-            losses["chunks with broken records"] += 1
-            losses["messages in damaged chunks"] -= len(entries)
-            self.bad_chunk = True
+        return data, entries, "" if whole else "with broken records"
+
+    def _take_cut(self, head: Head, chunk: Chunk) -> None:
+        self._settle()
+        data, entries, _ = self._read(chunk)
+        self._keep(chunk, data, entries)
+        self.index.count_cut(len(data) or chunk.size, entries, head.end - self.size)
+
+    def _keep(self, chunk: Chunk, data: bytes, entries: list[Entry]) -> None:
         _declare(connections_in(data), self.index, self.layout)
         self.index.add(chunk, entries)
+
+    def _settle(self) -> None:
+        """Count what a broken chunk has lost, when all index records behind it are read."""
+        if self.broken is not None:
+            broken, self.broken = self.broken, None
+            self.index.count_lost(broken.stated, broken.entries, broken.reason, broken.size)
 
 
 def _state_lost_chunks(head: Head | None, index: ChunkIndex, size: int) -> None:
@@ -274,7 +352,9 @@ def _state_lost_chunks(head: Head | None, index: ChunkIndex, size: int) -> None:
         return
     missing = _number(head, b"index_pos") - size
     if missing > 0:
-        index.losses["bytes after the end of the file, at least"] += missing
+        # It knows of all bytes, where a cut chunk knows of its own.
+        index.losses.pop(MISSING_BYTES, None)
+        index.losses["bytes missing, of those that the bag header states, at least"] += missing
     lost = _number(head, b"chunk_count") - len(index.chunks)
     if lost > 0:
         index.losses["chunks missing, of those that the bag header states"] += lost

@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass
 from typing import BinaryIO
 
-from percept.datasets.formats.chunks import ChunkError, Entry
+from percept.datasets.formats.chunks import MOST_RECORDS, ChunkError, Entry
 from percept.datasets.messages import Connection
 
 __all__ = [
@@ -174,7 +174,9 @@ def message_entries(data: bytes) -> tuple[list[Entry], bool]:
     entries: list[Entry] = []
     position = 0
     try:
-        while position < len(data):
+        for _ in range(MOST_RECORDS):
+            if position >= len(data):
+                return entries, True
             fields, start, position = _records(data, position)
             op = fields.get(b"op")
             if op == b"\x02":
@@ -183,20 +185,26 @@ def message_entries(data: bytes) -> tuple[list[Entry], bool]:
             elif op != b"\x07":
                 return entries, False
     except (ChunkError, KeyError, struct.error):
-        return entries, False
-    return entries, True
+        pass
+    return entries, False
 
 
 def connections_in(data: bytes) -> dict[int, BagConnection]:
     """Return the connections that the records of a chunk, or of an index, declare."""
-    found = {}
+    found: dict[int, BagConnection] = {}
     position = 0
     try:
-        while position < len(data):
+        for _ in range(MOST_RECORDS):
+            if position >= len(data):
+                return found
             fields, start, position = _records(data, position)
-            if fields.get(b"op") == b"\x07":
+            op = fields.get(b"op")
+            if op == b"\x07":
                 key = _U32.unpack(fields[b"conn"])[0]
                 found[key] = _connection(fields[b"topic"], parse_fields(data[start:position]))
+            elif op != b"\x02":
+                # Not to walk through a chunk of zeros.
+                return found
     except (ChunkError, KeyError, ValueError, struct.error):
         return found
     return found

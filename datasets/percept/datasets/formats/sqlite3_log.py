@@ -8,6 +8,7 @@ gives up on a file that it has opened.
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import sqlite3
 import tempfile
@@ -20,17 +21,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import RecordingError
-from percept.datasets.formats.chunks import raw_message
+from percept.datasets.formats.chunks import DAMAGED_MAGIC, raw_message
 from percept.datasets.formats.sqlite_pages import Row, SqlitePages
-from percept.datasets.messages import Connection, RawMessage
+from percept.datasets.messages import NO_CHECKSUMS, Connection, RawMessage
 
-__all__ = ["Sqlite3Source"]
+__all__ = ["Sqlite3Source", "has_log_tables"]
 
 _FORMATS = {"ros2msg": "msg", "ros2idl": "idl"}
 _ROW = np.dtype([("time", "i8"), ("rowid", "i8"), ("topic", "i8"), ("page", "u4"), ("cell", "u2")])
 _MESSAGE_COLUMNS = 4
+_TABLES = {"topics", "messages"}
 # Of a damaged schema SQLite quotes bytes that are no text.
 _UNREADABLE = (sqlite3.DatabaseError, UnicodeDecodeError)
+
+
+def has_log_tables(path: Path) -> bool:
+    """Return whether a file holds the tables of a rosbag2 log, whatever it begins with."""
+    with contextlib.closing(SqlitePages(path)) as pages:
+        return pages.sound and pages.tables().keys() >= _TABLES
 
 
 class Sqlite3Source:
@@ -48,6 +56,7 @@ class Sqlite3Source:
     def __init__(self, path: Path) -> None:
         self.paths: tuple[Path, ...] = (path,)
         self.losses: Counter[str] = Counter()
+        self.notes: tuple[str, ...] = (NO_CHECKSUMS,)
         self.counts: dict[str, int] = {}
         self.start_ns: int | None = None
         self.end_ns: int | None = None
@@ -116,11 +125,11 @@ class Sqlite3Source:
         """Refuse a file that is shorter than its header states; SQLite may notice too late."""
         pages = SqlitePages(self._readable)
         pages.close()
-        if not pages.sound or pages.lost_pages:
+        if not pages.sound or pages.size < pages.stated_size:
             raise sqlite3.DatabaseError("the file is cut")
 
     def _require_tables(self, names: Collection[str]) -> None:
-        if not {"topics", "messages"} <= set(names):
+        if not set(names) >= _TABLES:
             self.close()
             raise RecordingError(
                 "an SQLite file without the tables of a rosbag2 log",
@@ -149,6 +158,8 @@ class Sqlite3Source:
         self.counts = {connection.topic: 0 for connection in self.by_id.values()}
         self.start_ns = self.end_ns = None
         self._rows = self._list_rows(self._pages)
+        if not self._pages.has_magic:
+            self.losses[DAMAGED_MAGIC] += 1
         self._count_rows()
 
     def _list_rows(self, pages: SqlitePages) -> NDArray[np.void]:
@@ -156,14 +167,19 @@ class Sqlite3Source:
         found = np.fromiter(self._whole_messages(pages), _ROW)
         _, first = np.unique(found["rowid"], return_index=True)
         found = found[np.sort(first)]
-        if pages.lost_pages:
-            self.losses["pages after the end of the file"] += pages.lost_pages
+        missing_bytes = pages.stated_size - pages.size
+        if missing_bytes >= pages.page_size and pages.reach <= pages.page_count:
+            # Nothing in the file points behind its end: then nothing was ever there.
+            self.losses["files whose header states a wrong number of pages"] += 1
+        elif missing_bytes > 0:
+            self.losses["bytes missing, of those that the file header states"] += missing_bytes
         else:
-            self.losses["damaged file; read page by page"] += 1
-        missing = int(found["rowid"].max()) - len(found) if len(found) else 0
-        known = self.losses["messages whose payload is lost"]
-        if missing > known:
-            self.losses["messages missing between those found"] += missing - known
+            self.losses["files that are damaged; read page by page"] += 1
+        last = pages.highest_rowid("messages")
+        last = max(last, int(found["rowid"].max()) if len(found) else 0)
+        missing = last - len(found) - self.losses["messages whose payload is lost"]
+        if missing > 0:
+            self.losses["messages missing, at least, by the numbers that the file has"] += missing
         return found[np.argsort(found, order=("time", "rowid"))]
 
     def _whole_messages(self, pages: SqlitePages) -> Iterator[tuple[int, int, int, int, int]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -21,8 +22,13 @@ Value: TypeAlias = int | float | str | bytes | None
 Row: TypeAlias = tuple[int, tuple[Value, ...]]
 
 _INNER, _LEAF = 5, 13
+_INNER_INDEX, _LEAF_INDEX = 2, 10
 _INTEGER_BYTES = (0, 1, 2, 3, 4, 6, 8)
 _ENCODINGS = {2: "utf-16-le", 3: "utf-16-be"}
+
+
+# A row of rosbag2 has at least a size, a key, a header of 5 bytes, a topic and a time.
+_SMALLEST_ROW = 12
 
 
 class _DamagedError(Exception):
@@ -49,23 +55,33 @@ class Cell:
 
 
 class SqlitePages:
-    """The pages of one file.
+    """The pages of one file; the last may be cut, and then holds the cells that are still whole.
 
     Args:
         path: The file; it is only read.
+
+    Attributes:
+        has_magic: Whether the file begins as SQLite files do.
+        page_size: Bytes of a page.
+        page_count: Pages in the file, one that is cut included.
+        size: Bytes of the file.
+        stated_size: Bytes that the file has by its header.
+        reach: The highest page number that any page met so far refers to.
     """
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("rb")
         header = self._file.read(100).ljust(100, b"\0")
+        self.has_magic = header.startswith(MAGIC)
         stated = int.from_bytes(header[16:18], "big")
         self.page_size = 65536 if stated == 1 else stated
         self.sound = self.page_size >= 512 and self.page_size & (self.page_size - 1) == 0
         self._usable = self.page_size - header[20]
         self._encoding = _ENCODINGS.get(int.from_bytes(header[56:60], "big"), "utf-8")
-        size = path.stat().st_size
-        self.page_count = size // self.page_size if self.sound else 0
-        self.lost_pages = max(int.from_bytes(header[28:32], "big") - self.page_count, 0)
+        self.size = path.stat().st_size
+        self.page_count = -(-self.size // self.page_size) if self.sound else 0
+        self.stated_size = int.from_bytes(header[28:32], "big") * self.page_size
+        self.reach = 0
 
     def close(self) -> None:
         """Close the file."""
@@ -73,28 +89,67 @@ class SqlitePages:
 
     def tables(self) -> dict[str, int]:
         """Return the root page of each table by name."""
-        found = {}
+        return {name: root for kind, name, _, root in self._roots() if kind == "table"}
+
+    def _roots(self) -> Iterator[tuple[Value, str, Value, int]]:
+        """Yield kind, name, table and root page of all tables and indexes."""
         for _, values in self.rows(1):
-            if len(values) >= 4 and values[0] == "table" and isinstance(values[3], int):
-                found[str(values[1])] = values[3]
-        return found
+            if len(values) >= 4 and isinstance(values[3], int):
+                yield values[0], str(values[1]), values[2], values[3]
 
     def rows(self, root: int) -> Iterator[Row]:
         """Yield the rows of a small table as far as its pages can be read."""
+        for number, page in self._tree(root):
+            if page[self._start(number)] != _INNER:
+                with suppress(_DamagedError, struct.error):
+                    yield from self._whole_rows(number, page)
+
+    def _tree(self, root: int) -> Iterator[tuple[int, bytes]]:
+        """Yield number and content of the pages of a tree, as far as the way to them is sound."""
         waiting, seen = [root], set()
         while waiting:
             number = waiting.pop()
             if number in seen or not 1 <= number <= self.page_count:
                 continue
             seen.add(number)
-            try:
-                page = self._page(number)
-                if page[self._start(number)] == _INNER:
-                    waiting.extend(reversed(self._children(number, page)))
-                    continue
-                yield from self._whole_rows(number, page)
-            except (_DamagedError, IndexError, struct.error):
+            page = self._page(number)
+            if len(page) <= self._start(number):
                 continue
+            if page[self._start(number)] in (_INNER, _INNER_INDEX):
+                with suppress(_DamagedError, struct.error):
+                    waiting.extend(reversed(self._children(number, page)))
+            yield number, page
+
+    def highest_rowid(self, table: str) -> int:
+        """Return the highest rowid of a table that inner pages and indexes still state, or 0.
+
+        Those outlive the rows: an inner page has the highest key of each page below it, and an
+        index the rowid of each row. One too high for the size of the file is not believed.
+        """
+        stated = [0]
+        for kind, _, of, root in list(self._roots()):
+            if of == table:
+                read = self._inner_keys if kind == "table" else self._indexed_rowids
+                stated.extend(key for n, page in self._tree(root) for key in read(n, page))
+        credible = max(self.size, self.stated_size) // _SMALLEST_ROW
+        return max(key for key in stated if key <= credible)
+
+    def _inner_keys(self, number: int, page: bytes) -> Iterator[int]:
+        if page[self._start(number)] == _INNER:
+            with suppress(_DamagedError, IndexError, struct.error):
+                for position in self._cell_positions(number, page):
+                    yield _varint(page, position + 4)[0]
+
+    def _indexed_rowids(self, number: int, page: bytes) -> Iterator[int]:
+        kind = page[self._start(number)]
+        if kind not in (_INNER_INDEX, _LEAF_INDEX):
+            return
+        with suppress(_DamagedError, IndexError, struct.error):
+            for position in self._cell_positions(number, page):
+                size, start = _varint(page, position + 4 * (kind == _INNER_INDEX))
+                values = self._values(page[start : start + size], size)
+                if values and isinstance(values[-1], int):
+                    yield values[-1]
 
     def _whole_rows(self, number: int, page: bytes) -> Iterator[Row]:
         for position in self._cell_positions(number, page):
@@ -108,7 +163,8 @@ class SqlitePages:
         """Yield the rows of all leaf pages of the file that have so many columns."""
         for number in range(1, self.page_count + 1):
             page = self._page(number)
-            if page[self._start(number)] != _LEAF:
+            self._note_reach(number, page)
+            if page[self._start(number) :][:1] != bytes([_LEAF]):
                 continue
             try:
                 positions = self._cell_positions(number, page)
@@ -118,6 +174,11 @@ class SqlitePages:
                 cell = self._cell(number, index, page, position, columns)
                 if cell is not None:
                     yield cell
+
+    def _note_reach(self, number: int, page: bytes) -> None:
+        if page[self._start(number) :][:1] in (bytes([_INNER]), bytes([_INNER_INDEX])):
+            with suppress(_DamagedError, struct.error):
+                self.reach = max(self.reach, *self._children(number, page))
 
     def _cell(
         self, number: int, index: int, page: bytes, position: int, columns: int
@@ -146,6 +207,7 @@ class SqlitePages:
             return None
 
     def _page(self, number: int) -> bytes:
+        """Return a page; the last one may be shorter than the others."""
         self._file.seek((number - 1) * self.page_size)
         return self._file.read(self.page_size)
 
@@ -156,8 +218,10 @@ class SqlitePages:
     def _cell_positions(self, number: int, page: bytes) -> tuple[int, ...]:
         start = self._start(number)
         count = int.from_bytes(page[start + 3 : start + 5], "big")
-        array = start + (12 if page[start] == _INNER else 8)
-        if array + 2 * count > self._usable:
+        if start >= len(page):
+            raise _DamagedError
+        array = start + (12 if page[start] in (_INNER, _INNER_INDEX) else 8)
+        if array + 2 * count > min(self._usable, len(page)):
             raise _DamagedError
         positions: tuple[int, ...] = struct.unpack_from(f">{count}H", page, array)
         return positions
@@ -181,10 +245,8 @@ class SqlitePages:
             local = local if local <= longest else least
             end = position + local
             overflow = int.from_bytes(page[end : end + 4], "big")
-        if (
-            position + local > self._usable
-            or size > (self.page_count + self.lost_pages) * self.page_size
-        ):
+        fits = position + local <= min(self._usable, len(page))
+        if not fits or size > max(self.size, self.stated_size):
             raise _DamagedError
         rowid = rowid - (1 << 64) if rowid >= 1 << 63 else rowid
         return rowid, size, position, position + local, overflow
@@ -205,16 +267,21 @@ class SqlitePages:
         if not 2 <= number <= self.page_count:
             raise _DamagedError
         page = self._page(number)
-        return int.from_bytes(page[:4], "big"), page[4 : min(self._usable, 4 + left)]
+        end = min(self._usable, 4 + left)
+        if len(page) < end:
+            raise _DamagedError
+        return int.from_bytes(page[:4], "big"), page[4:end]
 
     def _check_chain(self, page: bytes, position: int) -> None:
         """Follow an overflow chain without reading its content."""
         _, size, start, end, number = self._spans(page, position)
         left = size - (end - start)
         while left > 0:
-            if not 2 <= number <= self.page_count:
+            self.reach = max(self.reach, number)
+            start = (number - 1) * self.page_size
+            if number < 2 or start + min(4 + left, self._usable) > self.size:
                 raise _DamagedError
-            self._file.seek((number - 1) * self.page_size)
+            self._file.seek(start)
             number = int.from_bytes(self._file.read(4), "big")
             left -= self._usable - 4
 

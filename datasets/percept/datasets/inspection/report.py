@@ -135,7 +135,7 @@ def inspect_recording(
         losses=losses,
         verdict=judged.verdict,
         why=judged.why,
-        notes=judged.notes,
+        notes=(*judged.notes, *recording.notes),
         topics=topics,
         uses=judge_uses(topics, frozenset(tree.frames())),
         frames=frames,
