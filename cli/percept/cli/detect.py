@@ -129,7 +129,8 @@ def _show(run: dict[str, Any], out: Path) -> None:
 
 
 def _mounting(sensor: dict[str, Any]) -> str:
-    text = f"{sensor['height_m']:.2f} m over the ground"
+    origin = "the base frame" if sensor["in_base_frame"] else "the sensor"
+    text = f"{origin} is {sensor['height_m']:.2f} m over the ground"
     if sensor["found_height_m"] is None:
         return f"{text} as given; no ground plane was found"
     spread = f"+- {sensor['found_height_sd_m']:.2f} m"
