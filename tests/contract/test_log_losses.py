@@ -13,11 +13,13 @@ import zstandard
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
+from percept.core.errors import RecordingError
 from percept.core.results import Verdict
 from percept.datasets import open_recording
 from percept.datasets.bag_recording import BagRecording
 from percept.datasets.inspection import inspect_recording
 from percept.datasets.messages import NO_CHECKSUMS
+from percept.datasets.recover import recover
 
 _PAGE = 4096
 _COUNT = 660
@@ -209,3 +211,25 @@ class TestBomb:
         assert found == 1
         why = "do not decompress" if stated == 1 << 20 else "would decompress to more than any"
         assert [n for r, n in losses.items() if f"number of messages) that {why}" in r] == [1]
+
+
+def test_a_schema_that_does_more_than_make_tables_is_refused(
+    made: dict[str, Path], tmp_path: Path
+) -> None:
+    path = tmp_path / "hostile.db3"
+    path.write_bytes(made["db3"].read_bytes())
+    database = sqlite3.connect(path)
+    database.execute('CREATE TABLE "a""b" (x)')
+    database.execute('INSERT INTO "a""b" VALUES (\'kept\')')
+    database.commit()
+    assert sum(recover(path, tmp_path / "sound.db3").kept.values()) == _COUNT
+    endless = "WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM r) SELECT n FROM r"
+    database.execute("CREATE TABLE c (n)")
+    database.execute("PRAGMA writable_schema = ON")
+    hostile = f"CREATE TABLE c AS {endless}"
+    database.execute("UPDATE sqlite_master SET sql = ? WHERE name = 'c'", (hostile,))
+    database.commit()
+    database.close()
+    with pytest.raises(RecordingError):
+        recover(path, tmp_path / "hung.db3")
+    assert not (tmp_path / "hung.db3").exists()

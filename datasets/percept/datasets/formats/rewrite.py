@@ -199,6 +199,7 @@ def _side_records(file: BinaryIO, losses: Counter[str]) -> Iterator[Attachment |
 def _rewrite_sqlite3(source: Sqlite3Source, target: Path) -> Counter[str]:
     written = Counter(dict.fromkeys(source.counts, 0))
     database = sqlite3.connect(target, isolation_level=None)
+    database.set_authorizer(_tables_only)
     try:
         database.execute("PRAGMA journal_mode = OFF")
         database.execute("BEGIN")
@@ -221,6 +222,18 @@ def _rewrite_sqlite3(source: Sqlite3Source, target: Path) -> Counter[str]:
     return written
 
 
+def _tables_only(action: int, *_details: object) -> int:
+    """Let the statements of a stranger's schema make tables and indexes, and nothing else."""
+    refused = {
+        sqlite3.SQLITE_ATTACH,
+        sqlite3.SQLITE_CREATE_VTABLE,
+        sqlite3.SQLITE_FUNCTION,
+        sqlite3.SQLITE_RECURSIVE,
+        sqlite3.SQLITE_SELECT,
+    }
+    return sqlite3.SQLITE_DENY if action in refused else sqlite3.SQLITE_OK
+
+
 def _copy_tables(source: Sqlite3Source, database: sqlite3.Connection) -> Iterator[str]:
     """Copy the tables except for the messages; yield the statements that make the indexes."""
     for name, sql, rows in source.tables():
@@ -232,4 +245,5 @@ def _copy_tables(source: Sqlite3Source, database: sqlite3.Connection) -> Iterato
                 # An integer primary key is stored as null: the row's own key stands for it.
                 kept = [rowid if i == 0 and v is None else v for i, v in enumerate(values)]
                 marks = ",".join("?" * len(kept))
-                database.execute(f'INSERT INTO "{name}" VALUES ({marks})', kept)  # noqa: S608
+                quoted = name.replace('"', '""')
+                database.execute(f'INSERT INTO "{quoted}" VALUES ({marks})', kept)  # noqa: S608 (quoted)

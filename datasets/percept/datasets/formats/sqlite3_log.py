@@ -298,7 +298,8 @@ class Sqlite3Source:
             for kind, name, sql in self._database.execute(master).fetchall():
                 if kind in kinds:
                     small = kind == "table" and name != "messages"
-                    query = f'SELECT rowid, * FROM "{name}"'  # noqa: S608 (named by the file)
+                    quoted = name.replace('"', '""')
+                    query = f'SELECT rowid, * FROM "{quoted}"'  # noqa: S608 (quoted)
                     rows = self._database.execute(query).fetchall() if small else []
                     yield name, sql, [(row[0], row[1:]) for row in rows]
 
