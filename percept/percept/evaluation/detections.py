@@ -98,11 +98,16 @@ class DetectionScores:
                 if truth or made:
                     rows.append(
                         f"{label or 'all':<14}{band or 'all':<10}{truth:>6}{made:>6}"
-                        f"{part.recall(label):>8.2f}{part.recall(label, same_class=True):>8.2f}"
-                        f"{part.precision(label):>11.2f}"
-                        f"{part.precision(label, same_class=True):>8.2f}"
+                        f"{_as_text(part.recall(label)):>8}"
+                        f"{_as_text(part.recall(label, same_class=True)):>8}"
+                        f"{_as_text(part.precision(label)):>11}"
+                        f"{_as_text(part.precision(label, same_class=True)):>8}"
                     )
         return "\n".join(rows)
+
+
+def _as_text(share: float) -> str:
+    return "-" if np.isnan(share) else f"{share:.2f}"
 
 
 def _share(part: list[Match], whole: list[Match], *, same_class: bool) -> float:
