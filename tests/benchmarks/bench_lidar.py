@@ -255,12 +255,14 @@ def print_labelled(scenes: list[Scene]) -> None:
 
 
 def read_scans(data: Path) -> Scans:
-    """Return one scan of each kind."""
+    """Return one scan of each kind; the last two are small, where fixed costs tell."""
     paths = {
         "KITTI 00": data / "odometry/kitti00_velodyne/000000.bin",
         "KITTI object": data / "scenes/kitti_object/training/velodyne/000001.bin",
         "AV2": next(iter(sorted((data / "scenes/av2/7fab2350/converted").glob("*.bin")))),
         "OpenCalib top": data / "lidar2lidar/opencalib_rig/0001/top.pcd",
+        "Multi-LiCa": data / "lidar2lidar/multi_lica/points_horizontal.pcd",
+        "KITTI 07": data / "odometry/kitti07_dump/000001/points.bin",
     }
     scans = {}
     for name, path in paths.items():
