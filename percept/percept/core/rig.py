@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from pydantic import Field
 
-from percept.core.cameras import PinholeCamera
+from percept.core.cameras import Camera, PinholeCamera, make_camera
 from percept.core.errors import ConfigError
 from percept.core.settings import Settings, load_yaml_mapping, parse_settings
 from percept.core.transform import Transform, quat_xyzw_from_matrix
@@ -78,20 +78,29 @@ class CameraSensor:
     distortion: tuple[float, ...]
     T_base_sensor: Transform | None
 
-    def pinhole(self) -> PinholeCamera:
+    def camera(self) -> Camera:
         """Return the camera model.
 
         Raises:
-            ConfigError: If the camera is not a pinhole with five coefficients.
+            ConfigError: If the model does not have so many coefficients.
+            GeometryError: If the intrinsics make no camera.
         """
-        if self.model != "pinhole" or len(self.distortion) != 5:
-            raise ConfigError(
-                f"camera '{self.name}' is '{self.model}' with {len(self.distortion)} "
-                "coefficients; only 'pinhole' with 5 can be used here"
-            )
         fx, fy, cx, cy = self.K
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-        return PinholeCamera(self.image_size, K, np.array(self.distortion))
+        return make_camera(self.model, self.image_size, K, self.distortion)
+
+    def pinhole(self) -> PinholeCamera:
+        """Return the camera model where it has to be a pinhole.
+
+        Raises:
+            ConfigError: If the camera is not a pinhole.
+        """
+        camera = self.camera()
+        if not isinstance(camera, PinholeCamera):
+            raise ConfigError(
+                f"camera '{self.name}' is '{self.model}'; only 'pinhole' can be used here"
+            )
+        return camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
