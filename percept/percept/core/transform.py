@@ -14,7 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.core.errors import GeometryError
 
-__all__ = ["Transform", "matrix_from_quat_xyzw", "quat_xyzw_from_matrix", "rotation_from_rpy"]
+__all__ = [
+    "Transform",
+    "matrix_from_quat_xyzw",
+    "quat_xyzw_from_matrix",
+    "rotation_from_rpy",
+    "rpy_from_rotation",
+]
 
 _ORTHONORMAL_TOLERANCE = 1e-6
 
@@ -167,3 +173,18 @@ def rotation_from_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> NDAr
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def rpy_from_rotation(rotation: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw in rad of a (3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll).
+
+    Pitch is in -pi/2..pi/2. At its ends only the sum or difference of roll and yaw is determined;
+    whatever yaw comes out there, roll fits to it, so that `rotation_from_rpy` gives the rotation
+    back.
+    """
+    r = np.asarray(rotation, dtype=np.float64)
+    yaw = np.arctan2(r[1, 0], r[0, 0])
+    cy, sy = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-r[2, 0], cy * r[0, 0] + sy * r[1, 0])
+    roll = np.arctan2(sy * r[0, 2] - cy * r[1, 2], cy * r[1, 1] - sy * r[0, 1])
+    return float(roll), float(pitch), float(yaw)

@@ -9,10 +9,17 @@ from __future__ import annotations
 
 import zlib
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["class_colour", "cluster_colours", "hex_colour"]
+__all__ = [
+    "class_colour",
+    "cluster_colours",
+    "hex_colour",
+    "sensor_colour",
+    "sequential_colours",
+]
 
 _UNKNOWN = (187, 187, 187)
 _CLASSES = {
@@ -28,6 +35,13 @@ _CLASSES = {
     "unknown": _UNKNOWN,
 }
 _HUES = np.array([rgb for rgb in _CLASSES.values() if rgb != _UNKNOWN], dtype=np.uint8)
+# Orange, blue, green, magenta and on, of Okabe and Ito: neighbours differ in brightness too.
+_SENSORS = (
+    (230, 159, 0), (86, 180, 233), (0, 158, 115), (226, 110, 190),
+    (240, 228, 66), (213, 94, 0), (0, 114, 178), (187, 187, 187),
+)  # fmt: skip
+# The dark end of the scheme would be lost on a dark ground.
+_SEQUENTIAL = cv2.applyColorMap(np.arange(52, 256, dtype=np.uint8)[:, None], cv2.COLORMAP_PLASMA)
 _NO_CLUSTER = np.array((110, 110, 110), dtype=np.uint8)
 
 
@@ -48,6 +62,26 @@ def cluster_colours(cluster_ids: NDArray[np.integer]) -> NDArray[np.uint8]:
     # Neighbouring clusters often have neighbouring numbers: a stride keeps their hues apart.
     hues: NDArray[np.uint8] = _HUES[(ids * 4) % len(_HUES)]
     return np.where((ids < 0)[:, None], _NO_CLUSTER, hues)
+
+
+def sensor_colour(index: int) -> tuple[int, int, int]:
+    """Return the red, green and blue (0..255) of the sensor that comes at a place in a list."""
+    return _SENSORS[index % len(_SENSORS)]
+
+
+def sequential_colours(fractions: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Return colours (N, 3) uint8 RGB of values (N,) from 0, violet, to 1, yellow.
+
+    Brightness grows with the value, so that the order is seen with any colour vision (the
+    `plasma` scheme of matplotlib). Values beyond are clipped; NaN is grey.
+    """
+    values = np.asarray(fractions, dtype=np.float64)
+    known = np.isfinite(values)
+    last = len(_SEQUENTIAL) - 1
+    index = np.rint(np.clip(np.where(known, values, 0), 0, 1) * last).astype(np.intp)
+    colours: NDArray[np.uint8] = np.array(_SEQUENTIAL[index, 0, ::-1])
+    colours[~known] = _NO_CLUSTER
+    return colours
 
 
 def hex_colour(rgb: tuple[int, int, int]) -> str:

@@ -11,24 +11,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import GeometryError
+from percept.export.canvas import (
+    BACKGROUND,
+    FIXED_SHIFT,
+    QUIET,
+    TEXT,
+    Image,
+    Rgb,
+    blank,
+    fixed_point,
+    text_width,
+    write_text,
+)
 from percept.export.palette import class_colour, cluster_colours
 
 __all__ = ["birds_eye", "png_data_uri"]
 
-Image = NDArray[np.uint8]
-Rgb = tuple[int, int, int]
-
-_BACKGROUND: Rgb = (20, 24, 28)
 _RING: Rgb = (58, 66, 74)
 _GROUND: Rgb = (74, 82, 90)
-_TEXT: Rgb = (228, 232, 236)
-_QUIET: Rgb = (160, 171, 182)
 _EXTENTS_M = (20.0, 30.0, 40.0, 60.0, 80.0)
 _AROUND_M = 5.0
 _LABELS = 25
-_FONT = cv2.FONT_HERSHEY_SIMPLEX
-_FONT_SCALE = 0.42
-_SHIFT = 4  # OpenCV draws at 1/16 pixel with it
+_TEXT_HEIGHT_PX = 9
 
 
 def birds_eye(
@@ -70,7 +74,7 @@ def birds_eye(
     if extent_m is not None and not extent_m > 0:
         raise GeometryError(f"a picture cannot reach {extent_m:g} m")
     view = _fitting(points, size_px) if extent_m is None else _View(extent_m, size_px)
-    image = np.full((size_px, size_px, 3), _BACKGROUND[::-1], np.uint8)
+    image = blank(size_px, size_px)
     view.draw_rings(image)
     view.draw_points(image, points, np.asarray(ground), np.asarray(cluster_ids))
     view.draw_boxes(image, boxes, labels)
@@ -113,14 +117,14 @@ class _View:
     def draw_rings(self, image: Image) -> None:
         """Draw circles around the sensor, with their metres straight ahead of it."""
         step = 20 if self.extent_m > 45 else 10 if self.extent_m > 15 else 5
-        centre = _fixed(self.pixels(np.zeros((1, 2))))[0].tolist()
+        centre = fixed_point(self.pixels(np.zeros((1, 2))))[0].tolist()
         farthest_m = float(np.hypot(*(np.abs(self.middle_m) + self.extent_m)))
         for metres in range(step, int(farthest_m) + 1, step):
-            radius = int(metres * self.scale * 2**_SHIFT)
-            cv2.circle(image, centre, radius, _RING[::-1], 1, cv2.LINE_AA, _SHIFT)
+            radius = int(metres * self.scale * 2**FIXED_SHIFT)
+            cv2.circle(image, centre, radius, _RING[::-1], 1, cv2.LINE_AA, FIXED_SHIFT)
             column, row = self.pixels(np.array([[metres, 0.0]]))[0]
             if row > 16:
-                _write(image, f"{metres} m", (int(column) + 4, int(row) - 4), _QUIET)
+                write_text(image, f"{metres} m", (int(column) + 4, int(row) - 4), QUIET)
 
     def draw_points(
         self,
@@ -143,16 +147,19 @@ class _View:
         """Draw outlines; what is known lies over what is not, and is bolder."""
         for row in sorted(range(len(labels)), key=lambda row: labels[row] != "unknown"):
             # The tick goes out and back, since both are drawn as closed lines.
-            outlines = [_fixed(self.pixels(part)) for part in _outline(boxes[row])]
+            outlines = [fixed_point(self.pixels(part)) for part in _outline(boxes[row])]
             cv2.polylines(
                 image, outlines, isClosed=True, color=class_colour(labels[row])[::-1],
-                thickness=1 if labels[row] == "unknown" else 2, lineType=cv2.LINE_AA, shift=_SHIFT,
+                thickness=1 if labels[row] == "unknown" else 2, lineType=cv2.LINE_AA,
+                shift=FIXED_SHIFT,
             )  # fmt: skip
 
     def draw_ego(self, image: Image) -> None:
         arrow = np.array([[2.2, 0.0], [-1.4, 1.2], [-0.7, 0.0], [-1.4, -1.2]])
         size = max(1.0, self.extent_m / 45)
-        cv2.fillPoly(image, [_fixed(self.pixels(arrow * size))], _TEXT[::-1], cv2.LINE_AA, _SHIFT)
+        cv2.fillPoly(
+            image, [fixed_point(self.pixels(arrow * size))], TEXT[::-1], cv2.LINE_AA, FIXED_SHIFT
+        )
 
     def draw_labels(
         self,
@@ -165,8 +172,8 @@ class _View:
         nearest = np.argsort(np.hypot(boxes[:, 0], boxes[:, 1]), kind="stable")
         named = [row for row in nearest if labels[row] != "unknown"][:_LABELS]
         for row in named:
-            text = _ascii(labels[row])
-            (width, height), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
+            text, height = labels[row], _TEXT_HEIGHT_PX
+            width = text_width(text)
             outline = self.pixels(_outline(boxes[row])[0])
             left, top = outline.min(axis=0)
             right, bottom = outline.max(axis=0)
@@ -179,7 +186,7 @@ class _View:
                 place = np.array([x - 2, y - height - 2, x + width + 2, y + 4])
                 if _free(place, taken, len(image)):
                     taken.append(place)
-                    _write(image, text, (int(x), int(y)), class_colour(labels[row]))
+                    write_text(image, text, (int(x), int(y)), class_colour(labels[row]))
                     break
 
 
@@ -217,18 +224,12 @@ def _draw_legend(image: Image, labels: Sequence[str]) -> list[NDArray[np.float64
     counts = sorted(Counter(labels).items(), key=lambda pair: (-pair[1], pair[0]))
     height = 20 + 20 * len(counts)
     if counts:
-        cv2.rectangle(image, (0, 0), (150, height - 8), _BACKGROUND[::-1], -1)
+        cv2.rectangle(image, (0, 0), (150, height - 8), BACKGROUND[::-1], -1)
     for row, (label, count) in enumerate(counts):
         y = 16 + 20 * row
         cv2.rectangle(image, (12, y), (23, y + 11), class_colour(label)[::-1], -1)
-        _write(image, f"{count} {_ascii(label)}", (31, y + 10), _TEXT)
+        write_text(image, f"{count} {label}", (31, y + 10), TEXT)
     return [np.array([0.0, 0.0, 150.0, float(height)])]
-
-
-def _write(image: Image, text: str, at: tuple[int, int], colour: Rgb) -> None:
-    """Write a text with a dark rim, so that it can be read on points."""
-    cv2.putText(image, text, at, _FONT, _FONT_SCALE, _BACKGROUND[::-1], 4, cv2.LINE_AA)
-    cv2.putText(image, text, at, _FONT, _FONT_SCALE, colour[::-1], 1, cv2.LINE_AA)
 
 
 def _free(place: NDArray[np.float64], taken: list[NDArray[np.float64]], size_px: int) -> bool:
@@ -236,13 +237,3 @@ def _free(place: NDArray[np.float64], taken: list[NDArray[np.float64]], size_px:
     return inside and not any(
         (place[:2] < t[2:]).all() and (t[:2] < place[2:]).all() for t in taken
     )
-
-
-def _fixed(pixels: NDArray[np.float64]) -> NDArray[np.int32]:
-    fixed: NDArray[np.int32] = np.rint(pixels * 2**_SHIFT).astype(np.int32)
-    return fixed
-
-
-def _ascii(text: str) -> str:
-    """Return a text in the letters that OpenCV can draw."""
-    return text.encode("ascii", "replace").decode("ascii")

@@ -1,4 +1,4 @@
-"""The run as rerun shows it: `view.rrd`. The only file of percept that imports rerun.
+"""The run as rerun shows it: `view.rrd`. With `calibration_view`, all that imports rerun.
 
 The file is written in parts, one a session, beside its final name. A session that ends well
 joins the parts and gives the file its name; one that is killed leaves a part whose whole
@@ -31,7 +31,7 @@ from percept.export.palette import class_colour, cluster_colours
 from percept.export.rrd_parts import cut_to_whole_messages
 from percept.lidar.result import ScanResult
 
-__all__ = ["ViewSummary", "ViewWriter", "merge_views"]
+__all__ = ["ViewSummary", "ViewWriter", "merge_views", "rrd_recording"]
 
 _APPLICATION = "percept"
 _POINTS_PER_FRAME = 40_000
@@ -132,7 +132,7 @@ class ViewWriter:
         earlier = len(_parts_in(self._folder))
         self._resumed = earlier > 0
         part = self._folder / f"part-{earlier:04d}.rrd"
-        self._recording = _recording(part, run_id)
+        self._recording = rrd_recording(part, run_id, _blueprint())
         self._log_frames()
 
     def add(self, frame: int, result: ScanResult) -> None:
@@ -270,7 +270,7 @@ def merge_views(parts: Sequence[Path], path: Path, *, run_id: str) -> int:
         The number of parts that could not be read and are left out.
     """
     unfinished = path.with_name(f".{path.name}.unfinished")
-    recording = _recording(unfinished, run_id)
+    recording = rrd_recording(unfinished, run_id, _blueprint())
     unreadable = 0
     for part in parts:
         cut_to_whole_messages(part)
@@ -290,7 +290,7 @@ def _parts_in(folder: Path) -> list[Path]:
     return sorted(folder.glob("part-*.rrd"))
 
 
-def _recording(path: Path, run_id: str) -> rr.RecordingStream:
+def rrd_recording(path: Path, run_id: str, blueprint: rrb.Blueprint) -> rr.RecordingStream:
     """Open a recording that goes to a file, with the layout in it and no wall-clock time."""
     recording = rr.RecordingStream(
         _APPLICATION,
@@ -302,7 +302,7 @@ def _recording(path: Path, run_id: str) -> rr.RecordingStream:
     )
     recording.set_log_time_enabled(False)
     recording.set_log_tick_enabled(False)
-    recording.save(path, default_blueprint=_blueprint())
+    recording.save(path, default_blueprint=blueprint)
     return recording
 
 
