@@ -15,14 +15,20 @@ from pydantic import Field
 from percept.core.clock import NS_PER_MS, ns_from_seconds
 from percept.core.errors import UsageError
 from percept.core.rig import CameraSensor, Rig, rig_as_yaml
-from percept.core.samples import CameraImage, CameraInfo, PointCloud, Sample
+from percept.core.samples import CameraImage, CameraInfo, Sample
 from percept.core.settings import Settings
 from percept.core.transform import Transform
 from percept.datasets.synthetic.ego import EGO_SPEED_MPS, EGO_START_X_M, EgoMotion
 from percept.datasets.synthetic.geodesy import LocalFrame
 from percept.datasets.synthetic.lanelet_map import make_map, write_map
 from percept.datasets.synthetic.layout import BLOCK_M
-from percept.datasets.synthetic.lidar import SCAN_PERIOD_NS, LidarModel, LidarScan, scan_world
+from percept.datasets.synthetic.lidar import (
+    SCAN_PERIOD_NS,
+    LidarModel,
+    LidarScan,
+    cloud_of_scan,
+    scan_world,
+)
 from percept.datasets.synthetic.navigation import Navigation
 from percept.datasets.synthetic.sensor_rig import (
     BASE,
@@ -55,7 +61,7 @@ MAP_ORIGIN = LocalFrame(43.7822, -79.4661, 160.0)
 
 _LOG_NAMES = {"mcap": "drive.mcap", "rosbag1": "drive.bag", "rosbag2": "drive"}
 _FIRST_SCAN_NS = SCAN_PERIOD_NS // 2
-_LIDAR_DELAY_NS, _CAMERA_DELAY_NS = 55 * NS_PER_MS, 15 * NS_PER_MS
+_CAMERA_DELAY_NS = 15 * NS_PER_MS
 _CAMERA_PERIOD_NS = 100 * NS_PER_MS
 _CAMERA_PHASES_NS = {"cam_front": 50, "cam_left": 70, "cam_right": 30, "cam_rear": 100}
 _POSE_STEP_NS = 5 * NS_PER_MS
@@ -167,16 +173,7 @@ class Drive:
             scan = self.scan(sensor, number)
             if on_scan is not None:
                 on_scan(sensor, number, scan)
-            yield PointCloud(
-                topic=f"/{name}/points",
-                stamp_ns=scan.stamp_ns,
-                log_time_ns=scan.stamp_ns + _LIDAR_DELAY_NS,
-                frame=name,
-                points_xyz=scan.points_sensor.astype(np.float32),
-                intensity=scan.intensity.astype(np.float32),
-                offset_ns=scan.offset_ns,
-                ring=scan.ring,
-            )
+            yield cloud_of_scan(scan, name)
 
     def _images(self, camera: CameraSensor) -> Iterator[Sample]:
         phase_ns = _CAMERA_PHASES_NS[camera.name] * NS_PER_MS

@@ -1,12 +1,13 @@
 """The exact motion of the vehicle that carries the sensors.
 
-It drives along its lane at about 8 m/s, a little faster and slower in turn, and sways
+In a drive it goes along its lane at about 8 m/s, a little faster and slower in turn, and sways
 gently. Height and pitch follow the road through a suspension that averages it, so that
 speeds stay smooth where the profile has a corner.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from percept.core.clock import NS_PER_S
 from percept.core.trajectory import Trajectory
 from percept.datasets.synthetic.terrain import Profile
 
-__all__ = ["EGO_LANE_Y_M", "EGO_SPEED_MPS", "EGO_START_X_M", "EgoMotion"]
+__all__ = ["EGO_LANE_Y_M", "EGO_SPEED_MPS", "EGO_START_X_M", "EgoMotion", "Motion"]
 
 EGO_LANE_Y_M = -5.25
 EGO_SPEED_MPS = 8.0
@@ -30,7 +31,7 @@ _STEP_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EgoMotion:
+class Motion(ABC):
     """Poses of `base_link` (rear axle, on the road) in `map`, in closed form.
 
     Attributes:
@@ -96,6 +97,17 @@ class EgoMotion:
         """Return the poses at stamps (N,), strictly rising."""
         poses = self.poses(self.seconds(stamps_ns))
         return Trajectory("map", "base_link", stamps_ns, poses)
+
+    @abstractmethod
+    def _plane(
+        self, time_s: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return x, y and heading (N,) at times (N,)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EgoMotion(Motion):
+    """A drive along the lane."""
 
     def _plane(
         self, time_s: NDArray[np.float64]

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.clock import NS_PER_MS
+from percept.core.samples import PointCloud
 from percept.core.transform import Transform
-from percept.datasets.synthetic.ego import EgoMotion
+from percept.datasets.synthetic.ego import Motion
 from percept.datasets.synthetic.world import World
 
-__all__ = ["SCAN_PERIOD_NS", "LidarModel", "LidarScan", "scan_world"]
+__all__ = ["SCAN_PERIOD_NS", "LidarModel", "LidarScan", "cloud_of_scan", "scan_world"]
 
 SCAN_PERIOD_NS = 100 * NS_PER_MS
+_LOG_DELAY_NS = 55 * NS_PER_MS
 _SCENE_MARGIN_M = 40.0
 _RANGE_SD_M = 0.02
 _INTENSITY_SD = 0.04
@@ -82,7 +84,7 @@ class LidarScan:
 def scan_world(
     model: LidarModel,
     world: World,
-    ego: EgoMotion,
+    ego: Motion,
     stamp_ns: int,
     noise: float,
     rng: np.random.Generator,
@@ -126,6 +128,20 @@ def scan_world(
         ring.astype(np.int32),
         ids,
         rays,
+    )
+
+
+def cloud_of_scan(scan: LidarScan, name: str) -> PointCloud:
+    """Return a scan as the LiDAR's driver publishes it, after the turn is complete."""
+    return PointCloud(
+        topic=f"/{name}/points",
+        stamp_ns=scan.stamp_ns,
+        log_time_ns=scan.stamp_ns + _LOG_DELAY_NS,
+        frame=name,
+        points_xyz=scan.points_sensor.astype(np.float32),
+        intensity=scan.intensity.astype(np.float32),
+        offset_ns=scan.offset_ns,
+        ring=scan.ring,
     )
 
 

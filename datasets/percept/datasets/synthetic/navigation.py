@@ -16,7 +16,7 @@ from percept.core.clock import NS_PER_MS
 from percept.core.rig import Rig
 from percept.core.samples import GnssFix, ImuSample, OdometrySample, Sample, TransformSample
 from percept.core.transform import Transform, quat_xyzw_from_matrix, rotation_from_rpy
-from percept.datasets.synthetic.ego import EgoMotion
+from percept.datasets.synthetic.ego import Motion
 from percept.datasets.synthetic.geodesy import LocalFrame
 from percept.datasets.synthetic.sensor_rig import BASE, T_BASE_GNSS, T_BASE_IMU
 
@@ -46,7 +46,7 @@ class Navigation:
         noise: 0 for exact readings, 1 for ordinary sensors.
     """
 
-    ego: EgoMotion
+    ego: Motion
     origin: LocalFrame
     seed: int
     noise: float
