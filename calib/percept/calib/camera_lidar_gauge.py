@@ -1,0 +1,80 @@
+"""What the LiDAR, as a ruler, says about the board's size and the camera's intrinsics.
+
+Both are given and held in the solution. Here they go free, one after the other: a wrong square or
+a wrong lens then shows as a number with a standard deviation instead of as a shifted transform.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.calib.camera_lidar_problem import CENTRE, FOCAL, SCALE, PairData
+from percept.calib.camera_lidar_refine import Priors, Solution, refine
+from percept.calib.camera_lidar_result import Estimate
+from percept.calib.camera_lidar_spread import jackknife_covariance
+from percept.calib.limits import CameraLidarLimits
+
+__all__ = ["Gauge", "measure_gauge"]
+
+_F64 = NDArray[np.float64]
+
+_FREE = 0.3
+_UNKNOWN_MORE = 2
+"""Other intrinsics are three unknowns, another board size is one (Akaike 1974)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gauge:
+    """Given sizes as the LiDAR sees them.
+
+    Attributes:
+        board_scale: Size of the printed pattern over the given one, intrinsics held.
+        focal_scale: Focal length over the given one, the board held.
+        centre_off_deg: Angle by which the principal point is off, to the right and down.
+        lens_fits_better: Whether other intrinsics explain the data better than another board.
+    """
+
+    board_scale: Estimate
+    focal_scale: Estimate
+    centre_off_deg: tuple[Estimate, Estimate]
+    lens_fits_better: bool
+
+
+def measure_gauge(pairs: Sequence[PairData], solution: Solution, priors: Priors) -> Gauge:
+    """Let the board's size, then the intrinsics go free.
+
+    Args:
+        pairs: What was measured.
+        solution: The minimum with both held.
+        priors: Of that minimum.
+    """
+    board = _freed(pairs, solution, replace(priors, board_scale=_FREE))
+    lens = _freed(pairs, solution, replace(priors, focal_scale=_FREE, centre_xy=_FREE))
+    board_sd, lens_sd = (np.sqrt(np.diag(jackknife_covariance(s))) for s in (board, lens))
+    ruler_m = CameraLidarLimits().range_systematic_m
+    centres = np.array(solution.T_camera_plate)[:, :3, 3]
+    apart_m = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    deeper_m = float(np.ptp(np.linalg.norm(centres, axis=1)))
+    off_deg = np.degrees(lens.common.centre_xy)
+    off_sd = np.degrees(lens_sd[CENTRE])
+    return Gauge(
+        board_scale=Estimate(
+            board.common.board_scale, float(np.hypot(board_sd[SCALE], ruler_m / max(apart_m, 1e-6)))
+        ),
+        focal_scale=Estimate(
+            lens.common.focal_scale, float(np.hypot(lens_sd[FOCAL], ruler_m / max(deeper_m, 1e-6)))
+        ),
+        centre_off_deg=(
+            Estimate(float(off_deg[0]), float(off_sd[0])),
+            Estimate(float(off_deg[1]), float(off_sd[1])),
+        ),
+        lens_fits_better=lens.cost + 2 * _UNKNOWN_MORE < board.cost,
+    )
+
+
+def _freed(pairs: Sequence[PairData], solution: Solution, priors: Priors) -> Solution:
+    return refine(pairs, solution.common, solution.T_camera_plate, solution.sigmas, priors)
