@@ -25,20 +25,20 @@ _ARROWS = {
     "core": set(),
     "lidar": {"core"},
     "evaluation": {"core"},
-    "calib": {"core"},
+    "calib": {"core", "lidar"},
     "datasets": {"core", "calib"},
-    "export": {"core", "lidar"},
+    "export": {"core", "lidar", "calib"},
     "cli": {"core", "lidar", "evaluation", "calib", "datasets", "export"},
 }
 
 # Heavy third-party packages and the only files that may import them.
 _HEAVY = {
-    "rerun": {"percept.export.view"},
+    "rerun": {"percept.export.view", "percept.export.calibration_view"},
     "rosbags": {"percept.datasets", "percept.export.overlay_messages"},
     "mcap": {"percept.datasets", "percept.export.overlay"},
     "open3d": set(),
     "onnxruntime": set(),
-    "numba": {"percept.lidar", "percept.datasets"},
+    "numba": {"percept.lidar", "percept.calib", "percept.datasets"},
     "numpy": {
         "percept.core", "percept.lidar", "percept.evaluation", "percept.calib",
         "percept.datasets", "percept.export",

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from percept.cli import demo, detect, inspect, synth, view
+from percept.cli import calib, demo, detect, inspect, synth, view
 from percept.cli.dependencies import explain_import_error
 from percept.core.errors import PerceptError, UsageError
 
@@ -67,6 +67,7 @@ app = typer.Typer(
 )
 app.command("demo")(demo.demo)
 app.add_typer(synth.app, name="synth")
+app.add_typer(calib.app, name="calib")
 app.command("inspect")(inspect.inspect)
 app.command("detect")(detect.detect)
 app.command("view")(view.view)
