@@ -169,6 +169,22 @@ def test_a_log_is_thinned_to_its_still_images(
     assert "/cam/image" in wrong.stderr
 
 
+def test_exactly_the_bad_view_of_the_opencv_samples_is_left_out(
+    shared_data: Path, run: Run, tmp_path: Path
+) -> None:
+    folder = shared_data / "intrinsics" / "opencv_samples"
+    done = run(
+        "calib", "camera", "--images", folder / "left*.jpg", "--board", "checkerboard:9x6:0.025",
+        "--out", tmp_path / "run", "--json",
+    )  # fmt: skip
+    document = json.loads(done.stdout)
+    left_out = {v["name"]: v["reason"] for v in document["views"] if not v["used"]}
+    assert list(left_out) == ["left02.jpg"]
+    assert left_out["left02.jpg"].startswith("outlier")
+    stored = cv2.FileStorage(str(folder / "left_intrinsics.yml"), cv2.FILE_STORAGE_READ)
+    assert document["rms_px"] <= stored.getNode("avg_reprojection_error").real()
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "text"),
     [

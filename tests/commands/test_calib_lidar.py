@@ -46,13 +46,15 @@ _RIG = {
 
 
 class Pairs:
-    """Stands for `register_pair`: knows the sensors by the numbers of their points."""
+    """Stands for `register_views`: knows the sensors by the numbers of their points."""
 
     def __init__(self) -> None:
         self.verdict = Verdict.GOOD
         self.guesses: list[Any] = []
 
-    def __call__(self, scenes: Any, _config: Any, initial: Any = None) -> PairRegistration:
+    def __call__(
+        self, scenes: Any, _config: Any, initial: Any = None, **_named: Any
+    ) -> PairRegistration:
         names = {size: name for name, size in _SIZES.items()}
         target, source = (names[len(cloud)] for cloud in scenes[0])
         self.guesses.append(initial)
@@ -71,11 +73,14 @@ class Pairs:
             information=np.diag(np.array([5e-4] * 3 + [0.002] * 3) ** -2.0),
             structure_share=0.5,
             free_space_violation=0.01,
+            range_offset_m=0.001,
+            range_offset_sd_m=0.005,
             rivals=(Rival(T @ _pose(0, 0, 0, np.pi), 0.4, 0.01, 1, close=True),)
             if self.verdict is Verdict.AMBIGUOUS
             else (),
             verdict=self.verdict,
             why=("The made-up reason.",),
+            advice=(),
             dropped_points={},
             scenes_left_out={},
         )
@@ -84,7 +89,8 @@ class Pairs:
 @pytest.fixture
 def pairs(monkeypatch: pytest.MonkeyPatch) -> Pairs:
     stand_in = Pairs()
-    monkeypatch.setattr(lidar_lidar, "register_pair", stand_in)
+    monkeypatch.setattr(lidar_lidar, "register_views", stand_in)
+    monkeypatch.setattr(lidar_lidar, "view_of", lambda cloud, _config: cloud)
     monkeypatch.setattr(lidar_lidar, "_shared_view", lambda *_: 0.5)
     return stand_in
 
@@ -342,7 +348,8 @@ def test_topics_of_a_log_can_be_named(
     run: Run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stand_in = _AnyPair()
-    monkeypatch.setattr(lidar_lidar, "register_pair", stand_in)
+    monkeypatch.setattr(lidar_lidar, "register_views", stand_in)
+    monkeypatch.setattr(lidar_lidar, "view_of", lambda cloud, _config: cloud)
     topics = ["--topic", "side=/left/points", "--topic", "roof=/top/points"]
     out = tmp_path / "run"
     result = run("calib", "lidar", "--bag", log, *topics, "--end", "3", "--out", out)
@@ -358,6 +365,8 @@ def test_topics_of_a_log_can_be_named(
 
 
 class _AnyPair(Pairs):
-    def __call__(self, scenes: Any, config: Any, initial: Any = None) -> PairRegistration:
+    def __call__(
+        self, scenes: Any, _config: Any, initial: Any = None, **_named: Any
+    ) -> PairRegistration:
         known = [(np.zeros((_SIZES[name], 3))) for name in ("left", "top")]
-        return super().__call__([known] * len(scenes), config, initial)
+        return super().__call__([known] * len(scenes), _config, initial)

@@ -105,7 +105,11 @@ def test_views_without_a_board_and_of_another_size_are_named(shared_data: Path) 
     folder = shared_data / "intrinsics" / "carnd_camera_cal"
     result = _calibrated(sorted(folder.glob("*.jpg")), Checkerboard(9, 6, 0.025))
     left_out = {v.name.removesuffix(".jpg"): v.reason or "" for v in result.views if not v.used}
-    assert sorted(left_out) == [f"calibration{k}" for k in (1, 15, 5, 7)]
+    assert set(left_out) == {f"calibration{k}" for k in (1, 15, 5, 7)}
+    assert result.camera is not None
+    # The bent board pulls fisheye polynomials to coefficients of 40; the simple lens is as good.
+    assert result.camera.model == "pinhole"
+    assert np.abs(result.camera.distortion).max() < 1
     assert all("1281x721" in left_out[f"calibration{k}"] for k in (7, 15))
     assert result.verdict is not Verdict.GOOD  # halves of these views give different cameras
 

@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from percept.calib.board_in_cloud import BoardInCloud
 from percept.calib.board_views import BoardView
 from percept.calib.boards import Checkerboard
-from percept.calib.camera_lidar import BoardPair, calibrate_camera_lidar
+from percept.calib.camera_lidar import (
+    BoardPair,
+    CameraLidarCalibrationConfig,
+    calibrate_camera_lidar,
+)
 from percept.calib.camera_lidar_problem import moved_pose, pose_step
 from percept.calib.camera_lidar_result import CameraLidarCalibration
 from percept.core.cameras import Camera, make_camera
@@ -52,6 +56,7 @@ class _World:
     points: int = 600
     plate_m: tuple[float, float] = _PLATE_M
     range_offset_m: float = 0.0
+    pattern_m: tuple[float, float] = (0.0, 0.0)
 
     def pose(self, rng: np.random.Generator) -> _F64:
         """Return T_camera_plate of a board that the camera sees whole."""
@@ -71,6 +76,7 @@ class _World:
         self, rng: np.random.Generator, T_camera_lidar: _F64, T_camera_plate: _F64, name: str
     ) -> BoardPair:
         T_lidar_plate = np.linalg.inv(T_camera_lidar) @ T_camera_plate
+        T_lidar_plate[:3, 3] -= T_lidar_plate[:3, :2] @ self.pattern_m
         return BoardPair(
             name, self._view(rng, T_camera_plate, name), self._board(rng, T_lidar_plate, name)
         )
@@ -172,10 +178,16 @@ def test_without_noise_the_answer_is_exact() -> None:
 
 
 def test_the_stated_spread_covers_the_error_over_30_seeds() -> None:
+    """With intrinsics and patterns that are as wrong as the settings say they may be."""
+    config = CameraLidarCalibrationConfig()
     normalised = []
     for seed in range(30):
-        T, pairs = _capture(seed, 7)
-        result = _calibrate(pairs)
+        rng = np.random.default_rng(1000 + seed)
+        pattern = rng.normal(0, config.pattern_sd_m, 2)
+        T, pairs = _capture(seed, 7, _World(pattern_m=(pattern[0], pattern[1])))
+        focal = 1 + rng.normal(0, config.focal_scale_sd)
+        off_px = 1200 * np.tan(np.radians(rng.normal(0, config.centre_sd_deg)))
+        result = _calibrate(pairs, _camera(focal, off_px))
         assert result.T_camera_lidar is not None
         assert result.covariance is not None
         step = pose_step(result.T_camera_lidar, T)
@@ -184,6 +196,40 @@ def test_the_stated_spread_covers_the_error_over_30_seeds() -> None:
     by_axis = np.sqrt(np.mean(np.square(normalised), axis=0))
     assert by_axis.min() > 0.45
     assert by_axis.max() < 1.5
+
+
+@pytest.mark.parametrize("pattern_m", [(0.02, 0.0), (0.0, -0.015)])
+def test_a_pattern_beside_the_middle_of_the_plate_is_not_good(
+    pattern_m: tuple[float, float],
+) -> None:
+    _, pairs = _capture(5, 12, _World(pattern_m=pattern_m))
+    result = _calibrate(pairs)
+    assert result.verdict is Verdict.DOUBTFUL
+    assert "off the plate's middle" in " ".join(result.why)
+    assert result.pattern_off_m is not None
+    found = [estimate.value for estimate in result.pattern_off_m]
+    assert found == pytest.approx(pattern_m, abs=0.003)
+
+
+def test_a_sensor_that_moved_before_the_last_pairs_is_not_good() -> None:
+    world, rng = _World(), np.random.default_rng(5)
+    T = _mounting(rng)
+    moved = moved_pose(T, np.array([np.radians(1), 0, 0, 0, -0.05, 0]))
+    pairs = [world.pair(rng, T if k < 10 else moved, world.pose(rng), f"{k}") for k in range(12)]
+    result = _calibrate(pairs)
+    assert result.verdict is Verdict.DOUBTFUL
+    assert "'10'" in " ".join(result.why)
+
+
+@pytest.mark.parametrize("focal", [0.98, 0.99, 1.01])
+def test_a_slightly_wrong_focal_length_is_named_or_in_the_spread(focal: float) -> None:
+    T, pairs = _capture(6, 16)
+    result = _calibrate(pairs, _camera(focal))
+    assert result.T_camera_lidar is not None
+    assert result.sd_translation_m is not None
+    off_m = np.abs(pose_step(result.T_camera_lidar, T)[3:])
+    assert (off_m < 3 * result.sd_translation_m).all()
+    assert focal > 0.98 or result.verdict is not Verdict.GOOD
 
 
 def test_a_range_offset_is_what_is_to_be_added() -> None:
@@ -290,7 +336,7 @@ def test_a_wrong_focal_length_is_not_good_and_is_named(focal: float) -> None:
 def test_a_wrong_principal_point_is_not_good() -> None:
     _, pairs = _capture(1, 16)
     result = _calibrate(pairs, _camera(down_px=40))
-    assert result.verdict is Verdict.DOUBTFUL
+    assert result.verdict in (Verdict.DOUBTFUL, Verdict.BAD)
     assert "principal point" in " ".join(result.why)
 
 

@@ -17,7 +17,12 @@ from percept.core.rig import load_rig
 from percept.core.samples import CameraImage, CameraInfo, PointCloud, TransformSample
 from percept.core.transform import Transform
 from percept.datasets import open_recording
-from percept.datasets.synthetic.calib_board import BOARD, BOARD_ID, PLATE_SIZE_M
+from percept.datasets.synthetic.calib_board import (
+    BOARD,
+    BOARD_ID,
+    PLATE_SIZE_M,
+    plate_corners_board,
+)
 from percept.datasets.synthetic.calib_capture import CalibrationConfig, Capture
 from percept.datasets.synthetic.calib_course import BoardHold
 from percept.datasets.synthetic.calib_log import BOARD_COLUMNS, generate_calibration
@@ -135,6 +140,19 @@ def test_the_pattern_reaches_all_over_the_image() -> None:
     assert len({tuple(cell) for cell in cells.tolist()}) == 24
     assert min(tilts) < 12
     assert 40 < max(tilts) <= 45.1
+
+
+def test_the_reference_lidar_sees_all_boards_but_those_high_in_the_image() -> None:
+    many = Capture(CalibrationConfig(seed=9))
+    top = many.lidars[0]
+    unseen = 0
+    for hold in many.holds:
+        T_map_base = Transform("map", "base_link", many.motion.poses(np.array([hold.start_s]))[0])
+        T_lidar_board = (T_map_base @ top.T_base_sensor).inverse() @ hold.T_map_board
+        corners = T_lidar_board.apply(plate_corners_board())
+        elevations = np.arctan2(corners[:, 2], np.hypot(corners[:, 0], corners[:, 1]))
+        unseen += bool(elevations.max() > top.elevations_rad.max())
+    assert 1 <= unseen <= 3
 
 
 def test_the_same_seed_gives_the_same_samples_and_another_one_others() -> None:

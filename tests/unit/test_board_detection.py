@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from percept.calib import board_detection_checkerboard
 from percept.calib.board_detection import BoardView, NoBoard, detect_board, detect_boards
 from percept.calib.boards import AprilGrid, Board, CharucoBoard, Checkerboard
 from percept.calib.view_selection import select_views
@@ -135,6 +137,25 @@ def test_parts_and_other_sizes_are_named() -> None:
     assert "has 9x6 inner corners" in reason or "goes on beyond" in reason
 
 
+def test_no_slow_search_where_another_board_is_in_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    def slow(*_: object) -> None:
+        raise AssertionError("this search takes seconds where the board is not")
+
+    monkeypatch.setattr(board_detection_checkerboard, "_classic", slow)
+    for columns, rows in ((10, 7), (8, 5), (7, 4)):
+        assert isinstance(detect_board(_drawn(), Checkerboard(columns, rows, 0.08)), NoBoard)
+    assert isinstance(detect_board(_drawn()[200:], _BOARD), NoBoard)
+
+
+def test_smeared_boards_raise_no_warning() -> None:
+    board = Checkerboard(10, 7, 0.06)
+    smear = np.ones((1, 15), np.float32) / 15
+    for side in (16, 24, 40):
+        image = _drawn(board, side=side)
+        for spoilt in (cv2.filter2D(image, -1, smear), cv2.GaussianBlur(image, (0, 0), 8)):
+            assert isinstance(detect_board(np.asarray(spoilt), board), BoardView | NoBoard)
+
+
 def test_blur_and_low_contrast() -> None:
     image = _drawn()
     heavy = np.asarray(cv2.GaussianBlur(image, (0, 0), 30), np.uint8)
@@ -238,9 +259,11 @@ def test_many_images_keep_their_order_and_name_what_cannot_be_read() -> None:
     assert done == [1, 2, 3, 4, 5]
 
 
-def _view(name: str, shift: float, *, blur: float = 2.0, width: int = 640) -> BoardView:
+def _view(
+    name: str, shift: float, *, blur: float = 2.0, width: int = 640, jumps: Sequence[float] = ()
+) -> BoardView:
     corners = 300 * _BOARD.corners_board()[:, :2] + 100 + shift
-    return BoardView(name, (width, 480), np.arange(54), corners, blur)
+    return BoardView(name, (width, 480), np.arange(54), corners, blur, np.array(jumps))
 
 
 def test_views_are_selected_with_reasons() -> None:
@@ -256,3 +279,22 @@ def test_views_are_selected_with_reasons() -> None:
     assert "blurred" in reasons["smeared"]
     assert "same place as again" in reasons["a"]
     assert select_views([]) == ([], [])
+
+
+def test_a_view_with_several_wild_corners_is_an_outlier() -> None:
+    views = [
+        _view("clean", 0.0),
+        _view("lone", 40.0, jumps=[6.0]),
+        _view("noisy", 80.0, jumps=[0.9] * 9),
+        _view("two", 120.0, jumps=[0.7, 2.5, 6.9]),
+        _view("other", 160.0),
+    ]
+    kept, rejected = select_views(views)
+    assert [v.name for v in kept] == ["clean", "lone", "noisy", "other"]
+    assert [n.name for n in rejected] == ["two"]
+    assert rejected[0].reason.startswith("outlier: 2 corners jump by up to 6.9 px")
+
+
+def test_where_most_views_have_wild_corners_the_board_is_like_that() -> None:
+    views = [_view(f"v{k}", 40.0 * k, jumps=[3.0, 3.0] if k else []) for k in range(3)]
+    assert [v.name for v in select_views(views)[0]] == ["v0", "v1", "v2"]

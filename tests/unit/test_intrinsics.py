@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from percept.calib.board_views import BoardView, NoBoard
 from percept.calib.boards import Checkerboard
+from percept.calib.camera_result import BoardShape
+from percept.calib.camera_verdict import judge
 from percept.calib.coverage import measure_coverage
 from percept.calib.intrinsics import CameraCalibrationConfig, calibrate_camera
 from percept.calib.intrinsics_lens import free_parameters, lens_pixels
@@ -131,7 +134,7 @@ def test_too_few_views_give_no_camera_and_say_so(count: int) -> None:
     assert result.verdict is Verdict.BAD
     assert result.verdict.exit_code == 4
     assert document["K"] is None
-    assert ("no checkerboard" if count == 0 else "too few") in document["why"]
+    assert ("no checkerboard" if count == 0 else "are the least") in document["why"]
     assert document["views"][-1] == {
         "name": "x.png", "used": False, "rms_px": None, "reason": "no board in view",
         "tilt_deg": None, "distance_m": None,
@@ -229,3 +232,27 @@ def test_undistortion_is_that_of_opencv() -> None:
     assert (white[240, 320] == 255).all()
     with pytest.raises(GeometryError, match="100x50"):
         undistort_image(np.zeros((50, 100), np.uint8), maps)
+
+
+def test_oblong_pixels_count_only_where_the_views_show_that_the_board_is_square() -> None:
+    result = calibrate_camera(_views(_camera("pinhole"), 14, 0.1), _BOARD)
+    assert result.fit is not None
+    assert not any("stretched" in why for why in result.why)  # fy is 1 % more than fx, and known
+    unknown = BoardShape(np.zeros(1), np.array([0.02]), np.zeros((8, 12)))
+    _, why, advice = judge(replace(result.fit, stretch=unknown), result.views)
+    assert any("fx and fy differ by 0.9%" in reason for reason in why)
+    assert any("turn the board by 90 deg" in text for text in advice)
+
+
+@pytest.mark.parametrize(
+    ("reasons", "says"),
+    [
+        (["cannot be read (it is empty)"] * 3, "in any of 3 images: cannot be read"),
+        (["too dark: nothing in it is brighter than black"] * 2, "2 images: too dark"),
+        (["too dark: so", "hardly any contrast: 3 of 255"], "found in any of 2 images"),
+    ],
+)
+def test_a_reason_that_all_images_share_is_said(reasons: list[str], says: str) -> None:
+    rejected = [NoBoard(f"{k}.png", reason) for k, reason in enumerate(reasons)]
+    why = calibrate_camera([], _BOARD, rejected=rejected).why[0]
+    assert why.endswith(says)

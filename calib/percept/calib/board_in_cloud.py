@@ -282,6 +282,9 @@ def _refusal(plate: Plate, size_m: tuple[float, float], config: BoardInCloudConf
         f"measures {found}, too coarsely": doubt.max() > config.max_side_doubt,
         f"is not flat (rms {plate.rms_m * 100:.1f} cm)": plate.rms_m > config.max_rms_m,
         f"has holes ({plate.fill:.0%} filled)": plate.fill < config.min_fill,
+        "has both ends of a side covered": bool(
+            plate.hidden[:2].all() or plate.hidden[2:].all()
+        ),  # its length there is seen nowhere
         "goes on beyond a side": plate.side_hits.max() > config.max_side_hits,
         f"scores {plate.score:.2f}": plate.score < config.min_score,
         f"explains {plate.explained:.0%} of the rays": plate.explained < config.min_explained,

@@ -32,6 +32,7 @@ from percept.calib.camera_lidar_seed import Seed, seed_rig
 from percept.calib.camera_lidar_select import Selection, fits_better, select_pairs
 from percept.calib.camera_lidar_spread import (
     Split,
+    full_covariance,
     jackknife_covariance,
     leave_one_out,
     split_in_halves,
@@ -63,6 +64,11 @@ class CameraLidarCalibrationConfig(Settings):
         point_sd_m: Smallest standard deviation of a point along the board's normal.
         outline_sd_m: Smallest error of the outline's place that two boards do not share.
         range_offset_sd_m: How far the LiDAR's ranges may be off as a whole.
+        board_scale_sd: How far the printed pattern may be off in size, as a share,
+        focal_scale_sd: and the focal length,
+        centre_sd_deg: and the principal point, as an angle,
+        pattern_sd_m: and the pattern from the plate's middle. The result holds what is given, and
+            its standard deviations contain what an error of this size does to it.
         reject_sigmas: A pair that differs from the others by more is left out.
     """
 
@@ -70,7 +76,21 @@ class CameraLidarCalibrationConfig(Settings):
     point_sd_m: float = Field(default=0.003, gt=0, le=0.1)
     outline_sd_m: float = Field(default=0.001, gt=0, le=0.1)
     range_offset_sd_m: float = Field(default=0.02, gt=0, le=1)
+    board_scale_sd: float = Field(default=0.001, ge=1e-9, le=0.1)
+    focal_scale_sd: float = Field(default=0.005, ge=1e-9, le=0.1)
+    centre_sd_deg: float = Field(default=0.1, ge=1e-6, le=5)
+    pattern_sd_m: float = Field(default=0.003, ge=1e-9, le=0.1)
     reject_sigmas: float = Field(default=4.0, ge=2, le=100)
+
+    def given(self) -> Priors:
+        """Return how well what the solution holds is known."""
+        return Priors(
+            range_offset_m=self.range_offset_sd_m,
+            board_scale=self.board_scale_sd,
+            focal_scale=self.focal_scale_sd,
+            centre_xy=float(np.radians(self.centre_sd_deg)),
+            pattern_m=self.pattern_sd_m,
+        )
 
     def floor(self) -> Sigmas:
         """Return the smallest standard deviations."""
@@ -121,7 +141,7 @@ def calibrate_camera_lidar(
     priors = Priors(range_offset_m=config.range_offset_sd_m)
     selection = select_pairs(sightings, seed, camera, priors, config.floor(), config.reject_sigmas)
     return _conclude(
-        _Run(pairs, sightings, reasons, camera, plate_size_m, seed, selection, priors, square),
+        _Run(pairs, sightings, reasons, camera, plate_size_m, seed, selection, config, square),
         initial,
     )
 
@@ -137,14 +157,21 @@ class _Run:
     plate_size_m: tuple[float, float]
     seed: Seed
     selection: Selection
-    priors: Priors
+    config: CameraLidarCalibrationConfig
     square_plate: bool
+
+    @property
+    def priors(self) -> Priors:
+        """Of the solution, which holds what is given."""
+        return Priors(range_offset_m=self.config.range_offset_sd_m)
 
 
 def _conclude(run: _Run, initial: _F64 | None) -> CameraLidarCalibration:
     solution = run.selection.solution
-    covariance = jackknife_covariance(solution)
-    splits = _splits(run, covariance)
+    splits = _splits(run, jackknife_covariance(solution))
+    halves = splits[_FIRST_SECOND]
+    drift = None if halves is None else halves.step
+    covariance = full_covariance(solution, run.config.given(), drift)
     poses = np.array(solution.T_camera_plate)
     gauge = measure_gauge(run.selection.used, solution, run.priors)
     results = _pair_results(run)
@@ -163,10 +190,12 @@ def _conclude(run: _Run, initial: _F64 | None) -> CameraLidarCalibration:
         board_scale=gauge.board_scale,
         focal_scale=gauge.focal_scale,
         centre_off_deg=gauge.centre_off_deg,
+        pattern_off_m=gauge.pattern_off_m,
         lens_fits_better=gauge.lens_fits_better,
         corner_rms_px=_rms([r.corner_rms_px for r in used]),
         point_rms_m=_rms([r.point_rms_m for r in used]),
         plate_found=_plate_found(run),
+        moved_at=_moved_at(run),
         worse_than_initial=initial is not None
         and fits_better(run.selection, initial, [v.T_camera_plate for v in run.seed.views]),
     )
@@ -187,6 +216,7 @@ def _conclude(run: _Run, initial: _F64 | None) -> CameraLidarCalibration:
         board_scale=facts.board_scale,
         focal_scale=facts.focal_scale,
         centre_off_deg=facts.centre_off_deg,
+        pattern_off_m=facts.pattern_off_m,
         leave_one_out=leave_one_out(solution)[:, :6] if len(used) > 2 else None,
         spread=facts.spread,
     )
@@ -196,8 +226,8 @@ def _splits(run: _Run, covariance: _F64) -> dict[str, Split | None]:
     rows = np.arange(len(run.selection.rows))
     used, solution = run.selection.used, run.selection.solution
     return {
-        _ODD_EVEN: split_in_halves(used, solution, rows % 2 == 1, covariance),
         _FIRST_SECOND: split_in_halves(used, solution, rows >= len(rows) / 2, covariance),
+        _ODD_EVEN: split_in_halves(used, solution, rows % 2 == 1, covariance),
     }
 
 
@@ -207,6 +237,17 @@ def _mistake(run: _Run) -> tuple[str, str] | None:
     if share >= CameraLidarLimits().share_good:
         return None
     return likely_mistake(run.sightings, run.seed, square_plate=run.square_plate)
+
+
+def _moved_at(run: _Run) -> str | None:
+    """Return the pair from which on, or up to which, all are left out, where these are several."""
+    used = np.isin(np.arange(len(run.sightings)), run.selection.rows)
+    first, last = np.flatnonzero(used)[[0, -1]]
+    before, after = int(first), len(used) - 1 - int(last)
+    if max(before, after) < 2:
+        return None
+    row = int(last) + 1 if after >= before else int(first)
+    return run.sightings[row].pair.name
 
 
 def _plate_found(run: _Run) -> tuple[Estimate, Estimate]:

@@ -21,6 +21,7 @@ __all__ = [
     "COMMON",
     "FOCAL",
     "OFFSET",
+    "PATTERN",
     "SCALE",
     "Block",
     "Common",
@@ -38,7 +39,8 @@ _F64 = NDArray[np.float64]
 OFFSET, SCALE, FOCAL = 6, 7, 8
 """Columns of the common unknowns after the transform's rotation (3) and translation (3)."""
 CENTRE = slice(9, 11)
-COMMON = 11
+PATTERN = slice(11, 13)
+COMMON = 13
 _LOSS_SCALE = 3.0
 """Cauchy's scale in standard deviations: 95 % efficient for normal errors at 2.4, more above."""
 _DIFFERENCE = 1e-5
@@ -83,6 +85,7 @@ class Common:
         board_scale: Size of the printed pattern over the size that was given.
         focal_scale: Focal length over the one that was given.
         centre_xy: How far the principal point is from the given one, in focal lengths.
+        pattern_m: Where the pattern's middle lies from the plate's, along columns and rows.
     """
 
     T_camera_lidar: _F64
@@ -90,15 +93,17 @@ class Common:
     board_scale: float = 1.0
     focal_scale: float = 1.0
     centre_xy: tuple[float, float] = (0.0, 0.0)
+    pattern_m: tuple[float, float] = (0.0, 0.0)
 
     def moved(self, step: _F64) -> Common:
-        """Return the unknowns after a step (11,)."""
+        """Return the unknowns after a step (13,)."""
         return Common(
             moved_pose(self.T_camera_lidar, step[:6]),
             self.range_offset_m + float(step[OFFSET]),
             self.board_scale + float(step[SCALE]),
             self.focal_scale + float(step[FOCAL]),
             (self.centre_xy[0] + float(step[9]), self.centre_xy[1] + float(step[10])),
+            (self.pattern_m[0] + float(step[11]), self.pattern_m[1] + float(step[12])),
         )
 
 
@@ -132,10 +137,10 @@ class Block:
     """Normal equations of one pair, for the common unknowns and its plate's pose.
 
     Attributes:
-        common: (11, 11) normal matrix, the plate's pose eliminated.
-        right: (11,) right-hand side.
+        common: (13, 13) normal matrix, the plate's pose eliminated.
+        right: (13,) right-hand side.
         cost: Robust cost.
-        pose_solve: (6, 11) and pose_right (6,): step of the pose = pose_right - pose_solve @ step.
+        pose_solve: (6, 13) and pose_right (6,): step of the pose = pose_right - pose_solve @ step.
     """
 
     common: _F64
@@ -183,7 +188,7 @@ class _Rows:
     """Residuals of one kind, in standard deviations, with what they depend on.
 
     Attributes:
-        residual: (K,); by_common: (K, 11); by_pose: (K, 6); weight: (K,) of the robust loss,
+        residual: (K,); by_common: (K, 13); by_pose: (K, 6); weight: (K,) of the robust loss,
             times what correlation leaves of it.
         cost: Robust cost.
     """
@@ -278,7 +283,9 @@ def _outline_rows(pair: PairData, common: Common, T: _F64, sigmas: Sigmas) -> _R
     spin = np.concatenate([T[:3, 2], np.zeros(COMMON - 3)])[None]
     by_common = np.concatenate([rows[0][0], rows[1][0], spin])
     by_pose = np.concatenate([rows[0][1], rows[1][1], -spin[:, :6]])
-    residual = np.array([arm[0] @ T[:3, 0], arm[0] @ T[:3, 1], angle])
+    by_common[:2, PATTERN] = np.eye(2)
+    x_off, y_off = common.pattern_m
+    residual = np.array([arm[0] @ T[:3, 0] + x_off, arm[0] @ T[:3, 1] + y_off, angle])
     extra = np.diag([sigmas.outline_m**2, sigmas.outline_m**2, sigmas.outline_rad**2])
     whiten = np.linalg.inv(np.linalg.cholesky(pair.outline_covariance + extra))
     residual = whiten @ residual

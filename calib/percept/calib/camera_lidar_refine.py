@@ -13,6 +13,7 @@ from percept.calib.camera_lidar_problem import (
     COMMON,
     FOCAL,
     OFFSET,
+    PATTERN,
     SCALE,
     Block,
     Common,
@@ -44,24 +45,26 @@ class Priors:
         range_offset_m: About 0.
         board_scale, focal_scale: About 1; the default holds them there.
         centre_xy: About 0, in focal lengths; the default holds it there.
+        pattern_m: About 0; the default holds it there.
     """
 
     range_offset_m: float = 0.02
     board_scale: float = 1e-9
     focal_scale: float = 1e-9
     centre_xy: float = 1e-9
+    pattern_m: float = 1e-9
 
     def normal_equations(self, common: Common) -> tuple[_F64, _F64, float]:
-        """Return their matrix (11, 11), right-hand side (11,) and cost."""
+        """Return their matrix (13, 13), right-hand side (13,) and cost."""
         off, sd = np.zeros(COMMON), np.full(COMMON, np.inf)
         off[[OFFSET, SCALE, FOCAL]] = (
             common.range_offset_m,
             common.board_scale - 1,
             common.focal_scale - 1,
         )
-        off[CENTRE] = common.centre_xy
+        off[CENTRE], off[PATTERN] = common.centre_xy, common.pattern_m
         sd[[OFFSET, SCALE, FOCAL]] = self.range_offset_m, self.board_scale, self.focal_scale
-        sd[CENTRE] = self.centre_xy
+        sd[CENTRE], sd[PATTERN] = self.centre_xy, self.pattern_m
         return np.diag(sd**-2.0), -off / sd**2, float(np.sum((off / sd) ** 2))
 
 
@@ -73,7 +76,7 @@ class Solution:
         common: Unknowns that all pairs share.
         T_camera_plate: For each pair (4, 4).
         blocks: Normal equations of each pair at the minimum.
-        prior: (11, 11) normal matrix of the priors.
+        prior: (13, 13) normal matrix of the priors.
         cost: Robust cost, priors included.
         sigmas: What the residuals were weighed with.
     """
@@ -86,7 +89,7 @@ class Solution:
     sigmas: Sigmas
 
     def covariance(self) -> _F64:
-        """Return (11, 11) the covariance that the normal equations state."""
+        """Return (13, 13) the covariance that the normal equations state."""
         total = self.prior + sum(b.common for b in self.blocks)
         return np.asarray(np.linalg.inv(total), dtype=np.float64)
 

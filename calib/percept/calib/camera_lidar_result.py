@@ -96,6 +96,7 @@ class CameraLidarCalibration:
         focal_scale: Focal length over the given one, as the LiDAR says.
         centre_off_deg: How far the principal point lies from the given one, as the LiDAR says,
             as an angle: right and down.
+        pattern_off_m: How far the pattern lies off the plate's middle, along columns and rows.
         leave_one_out: (P, 6) how the transform moves without each used pair.
         spread: Where the boards stood.
         pairs: All pairs, in the order given.
@@ -116,6 +117,7 @@ class CameraLidarCalibration:
     board_scale: Estimate | None = None
     focal_scale: Estimate | None = None
     centre_off_deg: tuple[Estimate, Estimate] | None = None
+    pattern_off_m: tuple[Estimate, Estimate] | None = None
     leave_one_out: _F64 | None = None
     spread: BoardSpread | None = None
 
@@ -168,6 +170,9 @@ class CameraLidarCalibration:
             "centre_off_deg": None
             if self.centre_off_deg is None
             else [_estimate(e) for e in self.centre_off_deg],
+            "pattern_off_m": None
+            if self.pattern_off_m is None
+            else [_estimate(e) for e in self.pattern_off_m],
             "verdict": str(self.verdict),
             "why": "; ".join(self.why),
             "advice": list(self.advice),

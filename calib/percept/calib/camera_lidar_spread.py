@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.calib.camera_lidar_problem import PairData, pose_step
-from percept.calib.camera_lidar_refine import Solution, refine
+from percept.calib.camera_lidar_problem import OFFSET, SCALE, PairData, pose_step
+from percept.calib.camera_lidar_refine import Priors, Solution, refine
 
-__all__ = ["Split", "jackknife_covariance", "leave_one_out", "split_in_halves"]
+__all__ = ["Split", "full_covariance", "jackknife_covariance", "leave_one_out", "split_in_halves"]
 
 _F64 = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Split:
 
 
 def leave_one_out(solution: Solution) -> _F64:
-    """Return (P, 11) how the common unknowns move when each of three or more pairs is left out.
+    """Return (P, 13) how the common unknowns move when each of three or more pairs is left out.
 
     One Gauss-Newton step from the minimum, which is exact as far as the problem is linear: the
     other pairs' blocks stay what they are.
@@ -60,7 +60,7 @@ def leave_one_out(solution: Solution) -> _F64:
 
 
 def jackknife_covariance(solution: Solution) -> _F64:
-    """Return (11, 11) the covariance of the common unknowns from leaving pairs out.
+    """Return (13, 13) the covariance of the common unknowns from leaving pairs out.
 
     It is never smaller, in any one unknown, than what the normal equations state: few pairs
     that agree by chance would make it so.
@@ -78,6 +78,42 @@ def jackknife_covariance(solution: Solution) -> _F64:
     return scaled
 
 
+def full_covariance(solution: Solution, given: Priors, drift: _F64 | None = None) -> _F64:
+    """Return (7, 7) the covariance of transform and range offset with all that was held in it.
+
+    The solution holds the board's size, the intrinsics and the pattern's place on the plate. With
+    S the shift of the solution by an error of those, and m, P the mean and covariance that the
+    data and what is known of them leave of that error, it is off by S (m m^T + P) S^T more.
+
+    Args:
+        solution: The minimum with them held.
+        given: How well they are known beforehand.
+        drift: (6,) from the transform of the first half of the pairs to that of the second. Two
+            values that differ by d leave their mean with a standard deviation of d / 2 at least
+            (Birge 1932), also where leaving out single pairs does not show it.
+    """
+    kept, held = slice(0, SCALE), slice(SCALE, None)
+    found = jackknife_covariance(solution)[kept, kept]
+    stated = solution.covariance()[kept, kept]
+    # The normal equations say too much; by as much as leaving pairs out says less.
+    tempered = max(float(np.mean(np.diag(found)[:OFFSET] / np.diag(stated)[:OFFSET])), 1.0)
+    H = np.sum([b.common for b in solution.blocks], axis=0) / tempered
+    right = np.sum([b.right for b in solution.blocks], axis=0) / tempered
+    H_kept = H[kept, kept] + solution.prior[kept, kept]
+    S = -np.linalg.solve(H_kept, H[kept, held])
+    prior, _, _ = given.normal_equations(solution.common)
+    P = np.linalg.inv(H[held, held] + H[held, kept] @ S + prior[held, held])
+    m = P @ right[held]
+    total = found + S @ (np.outer(m, m) + P) @ S.T
+    sd = np.sqrt(np.diag(total))
+    least = np.zeros(len(sd))
+    if drift is not None:
+        least[:6] = np.abs(drift) / 2
+    grow = np.maximum(least / sd, 1.0)
+    widened: _F64 = total * np.outer(grow, grow)
+    return widened
+
+
 def split_in_halves(
     pairs: Sequence[PairData],
     solution: Solution,
@@ -90,7 +126,7 @@ def split_in_halves(
         pairs: All pairs.
         solution: Their common minimum, from which both halves start.
         second: (P,) which pairs make the second half.
-        covariance: (11, 11) of the common unknowns from all pairs.
+        covariance: (7, 7) or larger, of the common unknowns from all pairs.
 
     Returns:
         The difference, or None where a half has fewer than three pairs.

@@ -36,10 +36,13 @@ class Facts:
         spread: Where the boards stood.
         board_scale, focal_scale: What the LiDAR says about either.
         centre_off_deg: What it says about the principal point, as an angle right and down.
+        pattern_off_m: How far the pattern lies off the plate's middle, along columns and rows.
         lens_fits_better: Whether other intrinsics explain the data better than another board.
         corner_rms_px, point_rms_m: Residuals.
         plate_found: Sides of the plate over those given (width, height), and how far they may
             be off.
+        moved_at: The pair at which a run of pairs that were left out begins or ends, at the
+            beginning or the end of all.
         worse_than_initial: Whether the transform that was given fits the pairs better.
     """
 
@@ -55,10 +58,12 @@ class Facts:
     board_scale: Estimate
     focal_scale: Estimate
     centre_off_deg: tuple[Estimate, Estimate]
+    pattern_off_m: tuple[Estimate, Estimate]
     lens_fits_better: bool
     corner_rms_px: float
     point_rms_m: float
     plate_found: tuple[Estimate, Estimate]
+    moved_at: str | None = None
     worse_than_initial: bool = False
 
 
@@ -125,7 +130,9 @@ def _number(facts: Facts, limits: CameraLidarLimits) -> Iterator[_Finding]:
         -facts.used,
         -limits.fewest_pairs_good,
         -limits.fewest_pairs_doubtful,
-        f"only {facts.used} of {facts.pairs} pairs can be used",
+        f"only {facts.used} of {facts.pairs} pairs can be used"
+        if facts.used < facts.pairs
+        else f"{facts.used} pair{'s are' if facts.used > 1 else ' is'} too few",
         _MORE,
     )
 
@@ -138,6 +145,13 @@ def _mistakes(facts: Facts, limits: CameraLidarLimits) -> Iterator[_Finding]:
             Verdict.BAD,
             "the transform that was given fits the pairs better than the one found",
             "Keep the one that was given; check the pairs that were left out",
+        )
+    if facts.moved_at is not None:
+        yield _Finding(
+            Verdict.DOUBTFUL,
+            f"the pairs on one side of '{facts.moved_at}' all disagree with the others: a sensor "
+            "may have moved",
+            "Check the mounting, and record again in one go",
         )
     for side, found in zip(("wide", "high"), facts.plate_found, strict=True):
         if abs(found.value - 1) > limits.plate_good + 2 * found.sd:
@@ -152,6 +166,7 @@ def _gauge(facts: Facts, limits: CameraLidarLimits) -> Iterator[_Finding]:
     """Judge the board's size and the lens, which fewer pairs cannot tell from the transform."""
     if facts.used < limits.fewest_pairs_good or facts.rival >= limits.rival_share:
         return
+    yield from _pattern(facts, limits)
     if facts.lens_fits_better:
         yield from _lens(facts, limits)
     else:
@@ -163,19 +178,37 @@ def _gauge(facts: Facts, limits: CameraLidarLimits) -> Iterator[_Finding]:
         )
 
 
+def _pattern(facts: Facts, limits: CameraLidarLimits) -> Iterator[_Finding]:
+    for way, off in zip(("columns", "rows"), facts.pattern_off_m, strict=True):
+        if off.sd > limits.pattern_sd_m:
+            yield _Finding(
+                Verdict.DOUBTFUL,
+                f"whether the pattern lies off the plate's middle along its {way} is only known "
+                f"to {1000 * off.sd:.0f} mm",
+                "Turn the board in the image by 30 deg or more in some poses",
+            )
+        elif abs(off.value) > max(limits.pattern_good_m, limits.scale_z * off.sd):
+            yield _Finding(
+                Verdict.DOUBTFUL,
+                f"the pattern seems to lie {1000 * off.value:.0f} mm off the plate's middle, along "
+                f"its {way}",
+                "Measure the margins of the pattern on the plate, and centre it",
+            )
+
+
 def _lens(facts: Facts, limits: CameraLidarLimits) -> Iterator[_Finding]:
     advice = "Calibrate the camera first, with `percept calib camera`"
     words = "the focal length seems {:.3f} times that of the intrinsics"
     yield from _scale(facts.focal_scale, limits, words, advice)
-    for way, off in zip(("right", "down"), facts.centre_off_deg, strict=True):
+    ways = (("to the right", "to the left"), ("downwards", "upwards"))
+    for (ahead, back), off in zip(ways, facts.centre_off_deg, strict=True):
         if abs(off.value) > limits.scale_z * off.sd:
             yield from _graded(
                 abs(off.value),
                 limits.centre_good_deg,
                 limits.centre_bad_deg,
-                f"the principal point seems off by {off.value:.2f} deg to the {way}"
-                if way == "right"
-                else f"the principal point seems off by {off.value:.2f} deg downwards",
+                f"the principal point seems off by {abs(off.value):.2f} deg "
+                f"{ahead if off.value > 0 else back}",
                 advice,
             )
 

@@ -14,7 +14,14 @@ from percept.calib.intrinsics_validation import Validation
 from percept.core.cameras import Camera
 from percept.core.results import Verdict
 
-__all__ = ["CameraCalibration", "CameraFit", "CameraView", "ModelTrial", "parameter_names"]
+__all__ = [
+    "BoardShape",
+    "CameraCalibration",
+    "CameraFit",
+    "CameraView",
+    "ModelTrial",
+    "parameter_names",
+]
 
 _F64 = NDArray[np.float64]
 
@@ -74,6 +81,22 @@ class ModelTrial:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BoardShape:
+    """What the board would be like if that was estimated, too.
+
+    Attributes:
+        values: (N,) what was estimated.
+        sd: (N,) its standard deviation.
+        moves_px: (rows, columns) how differently the camera projects then, after a rotation; zero
+            where it is part of the fit.
+    """
+
+    values: _F64
+    sd: _F64
+    moves_px: _F64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CameraFit:
     """The camera that was chosen, and how well it is known.
 
@@ -86,11 +109,8 @@ class CameraFit:
         coverage: What the views cover.
         models: All models that were tried.
         corners_left_out: Corners of used views that stood out and were not used.
-        bend_m: (2,) by how much the board's middle stands out of its edges along columns and rows
-            when that is estimated, metres.
-        bend_sd_m: (2,) its standard deviation.
-        bend_moves_px: (rows, columns) how differently the camera projects with the board's bend
-            estimated, after a rotation; zero where it is part of the fit.
+        bend: By how much the board's middle stands out of its edges along columns and rows, metres.
+        stretch: By which share the board's columns are longer than its rows, beyond what was given.
     """
 
     camera: Camera
@@ -101,9 +121,8 @@ class CameraFit:
     coverage: Coverage
     models: tuple[ModelTrial, ...]
     corners_left_out: int
-    bend_m: _F64
-    bend_sd_m: _F64
-    bend_moves_px: _F64
+    bend: BoardShape
+    stretch: BoardShape
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,7 +213,9 @@ def _fit_as_dict(fit: CameraFit | None) -> dict[str, Any]:
         "coverage": _number(fit.coverage.share),
         "unseen": {side: _number(share) for side, share in fit.coverage.unseen.items()},
         "corners_left_out": fit.corners_left_out,
-        "board_bend_mm": [_number(1000 * bend) for bend in fit.bend_m],
+        "board_bend_mm": [_number(1000 * bend) for bend in fit.bend.values],
+        "board_stretch": _number(float(fit.stretch.values[0])),
+        "board_stretch_sd": _number(float(fit.stretch.sd[0])),
         "models": [_model_as_dict(trial) for trial in fit.models],
     }
 

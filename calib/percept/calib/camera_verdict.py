@@ -29,6 +29,10 @@ _SIDES = {
     "bottom": "low in",
 }
 _ORDINARY_VIEWS = 20
+_BOARD_ADVICE = (
+    "count the inner corners: a board of 10x7 squares has 9x6 of them, columns first",
+    "show the whole board with its white border, sharp and evenly lit",
+)
 _MOST_ADVICE = 5
 
 
@@ -53,6 +57,7 @@ def judge(
         *_models(fit),
         *_halves(fit),
         *_bend(fit),
+        *_stretch(fit),
         *_uncertainty(fit),
         *_focal(fit),
         *_fold(fit),
@@ -71,17 +76,23 @@ def judge_nothing(
     """Return verdict, reasons and advice where there are too few views for a camera."""
     boards = [view for view in views if len(view.corners_px)]
     if not boards:
-        why = f"no {describe_board} found in any of {len(views)} images"
-        advice = (
-            "count the inner corners: a board of 10x7 squares has 9x6 of them, columns first",
-            "show the whole board with its white border, sharp and evenly lit",
-        )
-        return Verdict.BAD, (why,), advice
+        return Verdict.BAD, (_why_no_board(views, describe_board),), _BOARD_ADVICE
+    usable = [view for view in boards if (view.reason or "").startswith("not tried")]
+    if len(usable) >= _LIMITS.fewest_views:
+        why = f"no camera fits the {len(usable)} views: the corners are not those of a flat board"
+        return Verdict.BAD, (why,), ("look at the corners that were found", *_BOARD_ADVICE)
     why = (
-        f"{len(boards)} views of the board in {len(views)} images are too few, or no camera fits "
-        f"them: {_LIMITS.fewest_views} are the least, {_ORDINARY_VIEWS} are usual"
+        f"{len(usable)} of {len(views)} images can be used: {_LIMITS.fewest_views} views of the "
+        f"board are the least, {_ORDINARY_VIEWS} are usual"
     )
     return Verdict.BAD, (why,), (_add_views("all over the image, near and far"),)
+
+
+def _why_no_board(views: Sequence[CameraView], describe_board: str) -> str:
+    """Return why there is no board, with the reason of the images where all share one."""
+    reasons = {(view.reason or "").split(":")[0].split("(")[0].strip() for view in views}
+    why = f"no {describe_board} found in any of {len(views)} images"
+    return f"{why}: {reasons.pop()}" if len(reasons) == 1 else why
 
 
 def _add_views(where: str, count: int = 4) -> str:
@@ -237,8 +248,8 @@ def _halves(fit: CameraFit) -> Iterator[Finding]:
 
 def _bend(fit: CameraFit) -> Iterator[Finding]:
     """Find a bent board: the camera becomes another one when the bend is estimated."""
-    deviations = np.abs(fit.bend_m) / np.maximum(fit.bend_sd_m, 1e-12)
-    median, edge = _over_image(fit.bend_moves_px)
+    deviations = np.abs(fit.bend.values) / np.maximum(fit.bend.sd, 1e-12)
+    median, edge = _over_image(fit.bend.moves_px)
     verdict = _graded(
         fit, median, edge, _LIMITS.difference_good, _LIMITS.sd_bad,
         _LIMITS.difference_edge_good,
@@ -246,9 +257,39 @@ def _bend(fit: CameraFit) -> Iterator[Finding]:
     if deviations.max() > _LIMITS.bend_surprise and verdict is not None:
         yield Finding(
             verdict,
-            f"the board seems bent by {1000 * np.abs(fit.bend_m).max():.1f} mm, which moves what "
-            f"the camera sees by {_px(median)} in the median",
+            f"the board seems bent by {1000 * np.abs(fit.bend.values).max():.1f} mm, which moves "
+            f"what the camera sees by {_px(median)} in the median",
             "use --board-warp, or a board that is flat and stiff",
+        )
+
+
+def _stretch(fit: CameraFit) -> Iterator[Finding]:
+    """Find a print of oblong squares, or views that cannot tell it from oblong pixels.
+
+    A board that is never turned about the line of sight makes the two look alike. Then only square
+    pixels, which nearly all cameras have, speak for a square board.
+    """
+    stretch, sd = float(fit.stretch.values[0]), float(fit.stretch.sd[0])
+    median, edge = _over_image(fit.stretch.moves_px)
+    verdict = _graded(
+        fit, median, edge, _LIMITS.difference_good, _LIMITS.difference_bad,
+        _LIMITS.difference_edge_good,
+    )  # fmt: skip
+    oblong = float(fit.camera.K[0, 0] / fit.camera.K[1, 1]) - 1
+    if abs(stretch) > _LIMITS.stretch_surprise * sd and verdict is not None:
+        longer, shorter = ("columns", "rows") if stretch > 0 else ("rows", "columns")
+        yield Finding(
+            verdict,
+            f"the board's {longer} seem {abs(stretch):.1%} longer than its {shorter}, which moves "
+            f"what the camera sees by {_px(median)} in the median",
+            "measure the print along its columns and its rows: many printers stretch one of them",
+        )
+    elif _LIMITS.oblong_doubtful < abs(oblong) < _LIMITS.stretch_surprise * sd:
+        yield Finding(
+            Verdict.DOUBTFUL,
+            f"fx and fy differ by {abs(oblong):.1%}; the boards were hardly turned about the line "
+            "of sight, so that this could as well be a print that is stretched",
+            "turn the board by 90 deg in half of the views, and measure the print both ways",
         )
 
 

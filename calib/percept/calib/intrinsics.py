@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from percept.calib.camera_result import (
+    BoardShape,
     CameraCalibration,
     CameraFit,
     ModelTrial,
@@ -26,8 +27,8 @@ from percept.calib.coverage import measure_coverage
 from percept.calib.intrinsics_lens import COEFFICIENTS, free_parameters
 from percept.calib.intrinsics_outliers import Sorted, robust_estimate, sort_views, typical_px
 from percept.calib.intrinsics_records import Posed, view_records
-from percept.calib.intrinsics_solver import Estimate, Observations, solve
-from percept.calib.intrinsics_start import camera_of
+from percept.calib.intrinsics_solver import BOARD_SHAPE, Estimate, Observations, solve
+from percept.calib.intrinsics_start import camera_of, starts_of_models
 from percept.calib.intrinsics_validation import Fit, Validation, fit_of, validate
 from percept.calib.intrinsics_views import UsableViews, usable_views
 from percept.calib.limits import CameraLimits
@@ -45,9 +46,14 @@ __all__ = ["CameraCalibrationConfig", "calibrate_camera"]
 _F64 = NDArray[np.float64]
 
 _NONE = np.zeros(0, dtype=np.int64)
+_BEND, _STRETCH = np.array([0, 1]), np.array([2])  # of the board's shape
+_SHAPE_STEPS = 5  # from the minimum of the flat and square board
 _AS_GOOD = 0.02  # models whose held-out squared errors differ by less are alike,
 _WORSE = 0.2  # and by more are not, whatever the scatter between views
-_CLEARLY_STABLER = 1.25
+_CLEARLY_BETTER = 3.0  # standard errors
+_CLEARLY_STABLER = 2.0
+_WILD = 0.5  # of the radius; a strong barrel changes it by a third
+_SIMPLEST = ("pinhole", "fisheye", "rational")
 _FEWEST_RAYS = 10  # of the grid of pixels; with fewer the lens folds back almost at once
 
 
@@ -69,10 +75,17 @@ class CameraCalibrationConfig(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """A lens model fitted to the views that are used."""
+    """A lens model fitted to the views that are used.
+
+    Attributes:
+        fit: Camera and poses.
+        validation: What left-out views say.
+        largest_radius: Tangent of the widest angle from the axis at which a corner was seen.
+    """
 
     fit: Fit
     validation: Validation
+    largest_radius: float
 
     @property
     def model(self) -> str:
@@ -119,8 +132,8 @@ def _calibrate(
     """Fit all models to the views that fit; None where no model comes to a camera."""
     size, everything = usable.image_size, usable.observations
     robust = {
-        model: robust_estimate(model, everything, size, _free(model, config))
-        for model in COEFFICIENTS
+        model: robust_estimate(start, everything, size, _free(model, config))
+        for model, start in starts_of_models(COEFFICIENTS, everything, size).items()
     }
     leading = min(robust, key=lambda model: typical_px(everything, robust[model]))
     sorted_views = sort_views(everything, robust[leading], _free(leading, config))
@@ -153,7 +166,7 @@ def _posed(best: _Candidate, everything: Observations, sorted_views: Sorted) -> 
 
 def _free(model: str, config: CameraCalibrationConfig) -> NDArray[np.int64]:
     free = free_parameters(model, config.radial_coefficients)
-    bend = 4 + COEFFICIENTS[model] + np.arange(2) if config.board_warp else _NONE
+    bend = 4 + COEFFICIENTS[model] + _BEND if config.board_warp else _NONE
     return np.concatenate([free, bend])
 
 
@@ -168,32 +181,52 @@ def _candidate(
     if np.isfinite(rays).all(axis=1).sum() < _FEWEST_RAYS:
         return None
     fit = fit_of(views, solution)
-    return _Candidate(fit, validate(views, fit, size))
+    points = solution.estimate.points_cam(views)[views.weights > 0]
+    radius = np.linalg.norm(points[:, :2], axis=1) / points[:, 2]
+    return _Candidate(fit, validate(views, fit, size), float(radius.max()))
 
 
 def _choose(candidates: Sequence[_Candidate], wanted: str) -> _Candidate:
     """Return the model that was asked for, or the stablest of those that predict best.
 
-    Of models that explain left-out views alike, the simplest is taken whose halves differ little
-    more than those of the best.
+    Of models that explain left-out views alike, the simplest is taken unless the halves of
+    another differ far less.
     """
     named = [candidate for candidate in candidates if candidate.model == wanted]
     if named:
         return named[0]
     alike = [candidate for candidate in candidates if _is_as_good(candidate, candidates)]
+    alike = [candidate for candidate in alike if not _is_wild(candidate)] or alike
     unrest = [
         max((half.percentile_px(75) for half in candidate.validation.halves), default=0.0)
         for candidate in alike
     ]
     limit = _CLEARLY_STABLER * min(unrest)
     stable = [c for c, value in zip(alike, unrest, strict=True) if value <= limit]
-    return min(stable, key=lambda candidate: len(candidate.fit.solution.free))
+    return min(stable, key=lambda candidate: _SIMPLEST.index(candidate.model))
+
+
+def _is_wild(candidate: _Candidate) -> bool:
+    """Return whether single terms of a lens polynomial are huge at the outermost corner seen.
+
+    No lens needs them: they cancel each other where boards were and nowhere else. The rational
+    lens is left alone, since its terms balance above and below the fraction line.
+    """
+    estimate = candidate.fit.solution.estimate
+    if estimate.model == "rational":
+        return False
+    squared = candidate.largest_radius**2
+    if estimate.model == "fisheye":
+        squared = np.arctan(np.sqrt(squared)) ** 2
+    radial = estimate.shared[[4, 5, 8] if estimate.model == "pinhole" else [4, 5, 6, 7]]
+    terms = np.abs(radial) * squared ** np.arange(1, len(radial) + 1)
+    return bool(terms.max() > _WILD)
 
 
 def _is_as_good(candidate: _Candidate, candidates: Sequence[_Candidate]) -> bool:
     """Return whether a model explains left-out views as well as the best one does.
 
-    Paired over views: its squared errors exceed the best model's by less than two standard
+    Paired over views: its squared errors exceed the best model's by less than three standard
     errors of the difference, or by next to nothing, and by no gross share.
     """
     best = min(candidates, key=lambda c: c.validation.holdout_rms_px).validation.holdout_px2
@@ -202,7 +235,7 @@ def _is_as_good(candidate: _Candidate, candidates: Sequence[_Candidate]) -> bool
         return False
     excess = mine - best
     error = excess.std(ddof=1) / np.sqrt(len(excess))
-    allowed = np.clip(2 * error, _AS_GOOD * best.mean(), _WORSE * best.mean())
+    allowed = np.clip(_CLEARLY_BETTER * error, _AS_GOOD * best.mean(), _WORSE * best.mean())
     return bool(excess.mean() <= allowed)
 
 
@@ -234,7 +267,6 @@ def _describe(
         )
     corners = [row[seen > 0] for row, seen in zip(views.pixels, views.weights, strict=True)]
     used = posed.sorted_views.used
-    bend_m, bend_sd_m, bend_moves_px = _bend(best, views, camera, known)
     left_out = usable.observations.weights - posed.sorted_views.weights
     return CameraFit(
         camera,
@@ -245,9 +277,8 @@ def _describe(
         measure_coverage(size, corners, solution.estimate.R_camera_board, posed.middles_cam[used]),
         tuple(trials),
         int(left_out[used].sum()),
-        bend_m,
-        bend_sd_m,
-        bend_moves_px,
+        _board_shape(best, views, camera, _BEND),
+        _board_shape(best, views, camera, _STRETCH),
     )
 
 
@@ -264,22 +295,21 @@ def _sd(candidate: _Candidate) -> dict[str, float]:
     return {names[i]: float(value) for i, value in zip(free, sd, strict=True) if i < len(names)}
 
 
-def _bend(
-    candidate: _Candidate, views: Observations, camera: Camera, known: _F64
-) -> tuple[_F64, _F64, _F64]:
-    """Return how the board is bent (2,), its standard deviation (2,), and what that changes.
-
-    Where the bend was not part of the fit, one more fit tells what it would be, and how
-    differently that camera projects (rows, columns).
-    """
+def _board_shape(
+    candidate: _Candidate, views: Observations, camera: Camera, which: NDArray[np.int64]
+) -> BoardShape:
+    """Return what the board is like in a respect, and how that changes the camera."""
     solution, size = candidate.fit.solution, camera.image_size
-    last = len(solution.estimate.shared) - 2
-    free = np.union1d(solution.free, [last, last + 1])
-    bent = fit_of(views, solve(views, solution.estimate, free, steps=20, smallest_gain=1e-8))
-    variance = bent.covariance.diagonal()[-2:] * candidate.validation.inflation
+    shape = len(solution.estimate.shared) - BOARD_SHAPE + which
+    free = np.union1d(solution.free, shape)
+    found = fit_of(
+        views, solve(views, solution.estimate, free, steps=_SHAPE_STEPS, smallest_gain=1e-7)
+    )
+    variance = found.covariance.diagonal()[np.isin(free, shape)] * candidate.validation.inflation
     try:
-        other = camera_of(bent.solution.estimate, size)
-        moved = projection_difference(camera, other, pixel_grid(size), known)
+        other = camera_of(found.solution.estimate, size)
+        moved = projection_difference(camera, other, pixel_grid(size), candidate.validation.weights)
     except GeometryError:
-        moved = np.full(len(known), np.nan)
-    return bent.solution.estimate.shared[-2:], np.sqrt(variance), moved.reshape(GRID[::-1])
+        moved = np.full(GRID[0] * GRID[1], np.nan)
+    values = found.solution.estimate.shared[shape]
+    return BoardShape(values, np.sqrt(variance), moved.reshape(GRID[::-1]))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from percept.calib.intrinsics_lens import free_parameters
 from percept.calib.intrinsics_solver import Estimate, Observations, solve
-from percept.calib.intrinsics_start import start_estimate, with_best_poses
+from percept.calib.intrinsics_start import with_best_poses
 
 __all__ = ["Sorted", "robust_estimate", "sort_views", "typical_px"]
 
@@ -48,15 +48,14 @@ class Sorted:
 
 
 def robust_estimate(
-    model: str, views: Observations, image_size: tuple[int, int], free: NDArray[np.int64]
+    start: Estimate, views: Observations, image_size: tuple[int, int], free: NDArray[np.int64]
 ) -> Estimate:
-    """Return a camera of a model, fitted with a loss that gross errors hardly move.
+    """Return a camera of the start's model, fitted with a loss that gross errors hardly move.
 
     First the focal length and two radial terms with a wide loss, then each view's better pose,
     then everything with a loss at three times the noise.
     """
-    start = start_estimate(model, views, image_size)
-    first = free_parameters(model, 1) if model == "pinhole" else free[free < 6]
+    first = free_parameters("pinhole", 1) if start.model == "pinhole" else free[free < 6]
     fitted = solve(
         views, start, first, robust_px=typical_px(views, start), steps=30, smallest_gain=_GAIN
     )

@@ -1,6 +1,6 @@
 """Bundle adjustment of a camera and the board's poses: Levenberg-Marquardt with a Schur complement.
 
-Each view touches the shared parameters (intrinsics, bend of the board) and its own pose only, so
+Each view touches the shared parameters (intrinsics, shape of the board) and its own pose only, so
 the poses are eliminated view by view and the system that is solved has as many unknowns as the
 lens. The views are padded to one length and handled as one stack of small matrices.
 
@@ -19,9 +19,12 @@ from numpy.typing import NDArray
 
 from percept.calib.intrinsics_lens import lens_pixels
 
-__all__ = ["PRIOR_NOISE_PX", "Estimate", "Observations", "Solution", "solve"]
+__all__ = ["BOARD_SHAPE", "PRIOR_NOISE_PX", "Estimate", "Observations", "Solution", "solve"]
 
 _F64 = NDArray[np.float64]
+
+BOARD_SHAPE = 3
+"""Shared parameters of the board: bend along its columns, along its rows, and stretch."""
 
 _STEPS = 60
 _LARGEST_DAMPING = 1e10
@@ -80,8 +83,8 @@ class Estimate:
 
     Attributes:
         model: Name of the lens model.
-        shared: (4 + D + 2,) fx, fy, cx, cy, distortion, and the bend of the board along its
-            columns and rows in the board's unit.
+        shared: (4 + D + 3,) fx, fy, cx, cy, distortion, the bend of the board along its columns
+            and rows in the board's unit, and by which share its columns are longer than its rows.
         R_camera_board: (V, 3, 3).
         t_camera_board: (V, 3).
     """
@@ -102,7 +105,9 @@ class Estimate:
     def points_cam(self, views: Observations) -> _F64:
         """Return the board's corners (V, N, 3) in the camera's frame."""
         board = views.board.copy()
-        board[..., 2] += views.bend @ self.shared[-2:]
+        board[..., 2] += views.bend @ self.shared[-3:-1]
+        board[..., 0] *= 1 + self.shared[-1] / 2
+        board[..., 1] *= 1 - self.shared[-1] / 2
         turned = board @ np.swapaxes(self.R_camera_board, 1, 2)
         placed: _F64 = turned + self.t_camera_board[:, None]
         return placed
@@ -225,7 +230,9 @@ def _evaluate(views: Observations, estimate: Estimate, robust_px: float | None) 
     behind = (points[..., 2] <= _NEAREST_DEPTH) & counted
     points[~counted | behind] = [0.0, 0.0, 1.0]
     with np.errstate(all="ignore"):
-        pixels, by_intrinsics, by_points = lens_pixels(estimate.model, estimate.shared[:-2], points)
+        pixels, by_intrinsics, by_points = lens_pixels(
+            estimate.model, estimate.shared[:-BOARD_SHAPE], points
+        )
         residuals = np.where(counted[..., None], pixels - views.pixels, 0.0)
         squared = (residuals**2).sum(axis=-1)
         weights = views.weights
@@ -245,9 +252,10 @@ def _linearise(
     views: Observations, estimate: Estimate, seen: _Evaluation, free: NDArray[np.int64]
 ) -> _Linear:
     R, t = estimate.R_camera_board, estimate.t_camera_board
-    normals = R[:, None, None, :, 2]
-    by_bend = (seen.by_points * normals).sum(axis=-1)[..., None] * views.bend[..., None, :]
-    by_shared = np.concatenate([seen.by_intrinsics, by_bend], axis=-1)[..., free]
+    by_shared = seen.by_intrinsics
+    if (free >= by_shared.shape[-1]).any():
+        by_shared = np.concatenate([by_shared, _by_shape(views, seen.by_points @ R[:, None])], -1)
+    by_shared = by_shared[..., free]
     # A turn in front of the rotation moves a point by its lever, crosswise.
     by_turn = np.cross((seen.points - t[:, None])[..., None, :], seen.by_points)
     by_pose = np.concatenate([by_turn, seen.by_points], axis=-1)
@@ -270,11 +278,18 @@ def _linearise(
     )
 
 
+def _by_shape(views: Observations, by_board: _F64) -> _F64:
+    """Return derivatives (V, N, 2, 3) by the board's shape, of those by a point in its frame."""
+    by_bend = by_board[..., 2:] * views.bend[..., None, :]
+    along = views.board[..., None, :2] * by_board[..., :2]
+    return np.concatenate([by_bend, (along[..., :1] - along[..., 1:]) / 2], axis=-1)
+
+
 def _ridge(estimate: Estimate) -> _F64:
-    """Return the weight (4 + D + 2,) that pulls each shared parameter to zero."""
+    """Return the weight (4 + D + 3,) that pulls each shared parameter to zero."""
     weight = np.zeros(len(estimate.shared))
     if estimate.model != "pinhole":
-        weight[4:-2] = (PRIOR_NOISE_PX / _PRIOR_SD) ** 2
+        weight[4:-BOARD_SHAPE] = (PRIOR_NOISE_PX / _PRIOR_SD) ** 2
     return weight
 
 

@@ -8,15 +8,18 @@ outliers, and for fisheye lenses.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.calib.intrinsics_lens import lens_pixels, zero_distortion
-from percept.calib.intrinsics_solver import Estimate, Observations
+from percept.calib.intrinsics_solver import BOARD_SHAPE, Estimate, Observations
 from percept.core.cameras import Camera, make_camera
 
-__all__ = ["camera_of", "start_estimate", "with_best_poses"]
+__all__ = ["camera_of", "start_estimate", "starts_of_models", "with_best_poses"]
 
 _F64 = NDArray[np.float64]
 _Pose = tuple[_F64, _F64]
@@ -35,7 +38,7 @@ def camera_of(estimate: Estimate, image_size: tuple[int, int]) -> Camera:
     """
     fx, fy, cx, cy = estimate.shared[:4]
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-    return make_camera(estimate.model, image_size, K, estimate.shared[4:-2])
+    return make_camera(estimate.model, image_size, K, estimate.shared[4:-BOARD_SHAPE])
 
 
 def start_estimate(model: str, views: Observations, image_size: tuple[int, int]) -> Estimate:
@@ -60,6 +63,25 @@ def start_estimate(model: str, views: Observations, image_size: tuple[int, int])
     return _with_poses(_bare(model, focal, views, image_size), views, image_size)
 
 
+def starts_of_models(
+    models: Iterable[str], views: Observations, image_size: tuple[int, int]
+) -> dict[str, Estimate]:
+    """Return the start of each model; without distortion all but the fisheye are one lens."""
+    found: dict[str, Estimate] = {}
+    for model in models:
+        alike = None if model == "fisheye" else next((e for e in found.values() if _flat(e)), None)
+        if alike is None:
+            found[model] = start_estimate(model, views, image_size)
+        else:
+            bare = [alike.shared[:4], zero_distortion(model), np.zeros(BOARD_SHAPE)]
+            found[model] = replace(alike, model=model, shared=np.concatenate(bare))
+    return found
+
+
+def _flat(estimate: Estimate) -> bool:
+    return estimate.model != "fisheye"
+
+
 def with_best_poses(
     estimate: Estimate, views: Observations, image_size: tuple[int, int]
 ) -> Estimate:
@@ -75,7 +97,7 @@ def _bare(model: str, focal: float, views: Observations, image_size: tuple[int, 
     """Return a camera without distortion that sees all boards far in front of it."""
     width, height = image_size
     middle = [focal, focal, (width - 1) / 2, (height - 1) / 2]
-    shared = np.concatenate([middle, zero_distortion(model), [0.0, 0.0]])
+    shared = np.concatenate([middle, zero_distortion(model), np.zeros(BOARD_SHAPE)])
     far = _FAR * max(float(np.abs(views.board).max()), 1e-3)
     upright = np.tile(np.eye(3), (len(views), 1, 1))
     return Estimate(model, shared, upright, np.tile([0.0, 0.0, far], (len(views), 1)))
@@ -139,7 +161,7 @@ def _view_rms(views: Observations, estimate: Estimate) -> _F64:
     behind = ((points[..., 2] <= 0) & counted).any(axis=1)
     points[~counted | (points[..., 2] <= 0)] = [0.0, 0.0, 1.0]
     with np.errstate(all="ignore"):
-        pixels = lens_pixels(estimate.model, estimate.shared[:-2], points)[0]
+        pixels = lens_pixels(estimate.model, estimate.shared[:-BOARD_SHAPE], points)[0]
         squared = np.where(counted, ((pixels - views.pixels) ** 2).sum(axis=-1), 0.0)
         rms = np.sqrt(squared.sum(axis=1) / np.maximum(counted.sum(axis=1), 1))
     return np.where(behind | ~np.isfinite(rms), np.inf, rms)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.calib.intrinsics_solver import (
+    BOARD_SHAPE,
     PRIOR_NOISE_PX,
     Estimate,
     Observations,
@@ -29,10 +30,9 @@ from percept.calib.projection_uncertainty import (
     GRID,
     pixel_grid,
     projection_change,
-    projection_difference,
     projection_sd,
+    rays_difference,
 )
-from percept.core.cameras import Camera
 from percept.core.errors import GeometryError
 
 __all__ = ["Fit", "HalvesDifference", "Validation", "clustering", "fit_of", "validate"]
@@ -45,7 +45,7 @@ _STEPS = 25
 _CHANCE = 1.5  # 97 % of chi over its 9 degrees of freedom
 _SURPRISE = 2.0  # chance alone makes halves differ by less, see `HalvesDifference`
 _LARGEST_SURPRISE = 100.0
-_GAIN = 1e-7  # the last step is a few hundredths of a standard deviation
+_GAIN = 1e-5  # a tenth of a standard deviation, and steps shrink quadratically
 _NONE = np.zeros(0, dtype=np.int64)
 
 
@@ -155,13 +155,12 @@ def validate(views: Observations, fit: Fit, image_size: tuple[int, int]) -> Vali
     change, weights = projection_change(
         camera, _of_camera(full), pixels, _of_camera_only(fit.covariance, full)
     )
-    every = np.arange(len(views))
-    holdout = np.full(len(views), np.inf)
-    moved = []
+    every, holdout = np.arange(len(views)), np.full(len(views), np.inf)
+    moved, rays = [], camera.unproject(pixels)
     for block in _blocks(len(views)):
         without = _refit(views, full, np.setdiff1d(every, block)).estimate
         holdout[block] = _held_out(views, full, without, block)
-        moved.append(_difference(camera, without, image_size, pixels, weights))
+        moved.append(_difference(rays, without, image_size, pixels, weights))
     halves = tuple(_halves(views, full, image_size, change, weights))
     surprise = max((h.times_expected for h in halves if h.times_expected > _SURPRISE), default=1.0)
     inflation = max(clustering(fit), min(surprise, _LARGEST_SURPRISE) ** 2)
@@ -217,11 +216,11 @@ def _halves(
         both = sum((_of_camera_only(f.covariance, full) for f in fits), np.zeros(()))
         expected = np.sqrt(np.einsum("nip,pq,niq->n", change, both, change))
         try:
-            a = camera_of(fits[0].solution.estimate, image_size)
+            rays = camera_of(fits[0].solution.estimate, image_size).unproject(pixels)
         except GeometryError:
             difference = np.full(len(pixels), np.nan)
         else:
-            difference = _difference(a, fits[1].solution.estimate, image_size, pixels, weights)
+            difference = _difference(rays, fits[1].solution.estimate, image_size, pixels, weights)
         difference[np.isnan(difference) & (weights > 0)] = np.inf
         yield HalvesDifference(name, difference.reshape(GRID[::-1]), expected.reshape(GRID[::-1]))
 
@@ -245,7 +244,7 @@ def _held_out(
 
 
 def _difference(
-    camera: Camera,
+    rays: _F64,
     other: Estimate,
     image_size: tuple[int, int],
     pixels: _F64,
@@ -253,14 +252,14 @@ def _difference(
 ) -> _F64:
     """Return the projection difference (N,); NaN all over for numbers that make no camera."""
     try:
-        return projection_difference(camera, camera_of(other, image_size), pixels, weights)
+        return rays_difference(rays, camera_of(other, image_size), pixels, weights)
     except GeometryError:
         return np.full(len(pixels), np.nan)
 
 
 def _of_camera(full: Solution) -> NDArray[np.int64]:
-    """Return the free parameters that belong to the camera: the bend of the board does not."""
-    return full.free[full.free < len(full.estimate.shared) - 2]
+    """Return the free parameters that belong to the camera: the board's shape does not."""
+    return full.free[full.free < len(full.estimate.shared) - BOARD_SHAPE]
 
 
 def _of_camera_only(covariance: _F64, full: Solution) -> _F64:

@@ -93,8 +93,10 @@ def _largest_plane(points: _F64, rng: np.random.Generator) -> tuple[_F64, float]
         return None
     normals = normals[wide] / lengths[wide, None]
     heights = -(normals * a[wide]).sum(axis=1)
-    few = points[:: max(1, len(points) // 400)]
-    rough = (np.abs(few @ normals.T + heights) < _ON_PLANE_M).sum(axis=0)
+    few = points[:: max(1, len(points) // 300)]
+    gaps = few @ normals.T
+    gaps += heights
+    rough = np.count_nonzero(np.abs(gaps, out=gaps) < _ON_PLANE_M, axis=0)
     best = np.argsort(-rough, kind="stable")[:40]
     counts = (np.abs(points @ normals[best].T + heights[best]) < _ON_PLANE_M).sum(axis=0)
     pick = best[int(np.argmax(counts))]

@@ -112,7 +112,8 @@ def _placed(evidence: RigEvidence, graph: RigGraph, name: str) -> LidarExtrinsic
         scenes_agreeing=agreeing(min(pairs, key=share_agreeing)),
         weak_directions=weak_directions(placement, pairs),
         verdict=worst_verdict(pair.verdict for pair in pairs),
-        why=why_of(evidence.scenes, placement, pairs),
+        why=why_of(placement, pairs),
+        advice=tuple(text for pair in pairs for text in pair.advice),
         path=placement.path,
         T_reference_start=evidence.start.get(name),
         rivals=_rivals(pairs[0]) if len(pairs) == 1 else (),
@@ -165,7 +166,8 @@ def _unplaced(evidence: RigEvidence, name: str) -> LidarExtrinsic:
         scenes_agreeing=agreeing(pair),
         weak_directions=pair.weak_directions,
         verdict=pair.verdict,
-        why=f"{sentence(evidence.scenes, evidence.reference, name, pair)}{also}",
+        why=f"{sentence(pair)}{also}",
+        advice=pair.advice,
         path=(evidence.reference, name),
         T_reference_start=evidence.start.get(name),
         rivals=_rivals(pair),
@@ -248,7 +250,7 @@ def _judged_by_direct_view(extrinsic: LidarExtrinsic, evidence: RigEvidence) -> 
     return _lowered(
         extrinsic,
         Verdict.DOUBTFUL,
-        f"registered with '{names[0]}' it failed: {sentence(evidence.scenes, *names, direct)}",
+        f"registered with '{names[0]}' it failed: {sentence(direct)}",
         f"Look at the pictures of '{names[0]}' and '{names[1]}'",
     )
 

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from percept.calib.lidar_evidence import RigEvidence, usable_edges
 from percept.calib.lidar_judgement import conclude
-from percept.calib.lidar_pair import LidarCalibrationConfig, register_pair
+from percept.calib.lidar_pair import LidarCalibrationConfig, register_views, view_of
 from percept.calib.lidar_pair_result import PairRegistration
 from percept.calib.lidar_result import LidarCalibration
 from percept.calib.lidar_scenes import CalibrationScenes, prepare_scenes
+from percept.calib.lidar_view import SensorView, UnusableCloud
 from percept.calib.limits import LidarLimits
 from percept.calib.rig_graph import maximum_spanning_tree, place_along
 from percept.core.errors import UsageError
@@ -99,34 +100,47 @@ class _Search:
         sensors: int,
     ) -> None:
         self.found: _Pairs = {}
+        self._views: dict[int, SensorView | UnusableCloud] = {}  # by identity of the cloud
         self._scenes = scenes
         self._config = config
         self._start = start
         self._progress = progress or (lambda _share: None)
         self._expected = sensors * (sensors - 1) / 2
 
-    def register(self, wanted: Mapping[tuple[str, str], _F64 | None]) -> None:
+    def register(
+        self, wanted: Mapping[tuple[str, str], _F64 | None], *, local: bool = False
+    ) -> None:
         """Register pairs (target, source) over the scenes that both have, some at a time.
 
         Args:
             wanted: For each pair a guess of `T_target_source`, or None for the given places.
+            local: Look near the guess only.
         """
-        clouds = {pair: self._scenes.of(*pair) for pair in wanted}
-        pairs = [pair for pair in wanted if clouds[pair]]
-        # Most of the time goes into neighbour searches, which run without Python's lock.
+        pairs = [pair for pair in wanted if self._scenes.of(*pair)]
+
+        def one(pair: tuple[str, str]) -> PairRegistration:
+            given = wanted[pair]
+            return register_views(
+                [(self._views[id(a)], self._views[id(b)]) for a, b in self._scenes.of(*pair)],
+                self._config,
+                initial=self._guess(*pair) if given is None else given,
+                names=self._scenes.numbers(*pair),
+                local=local,
+            )
+
+        # Most of the time goes into neighbour searches and kernels without Python's lock.
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            running = [
-                pool.submit(
-                    register_pair,
-                    clouds[pair],
-                    self._config,
-                    initial=self._guess(*pair) if wanted[pair] is None else wanted[pair],
-                )
-                for pair in pairs
-            ]
-            for pair, one in zip(pairs, running, strict=True):
-                self.found[pair] = one.result()
+            self._prepare(pairs, pool)
+            for pair, found in zip(pairs, pool.map(one, pairs), strict=True):
+                self.found[pair] = found
                 self._progress(min(len(self.found) / self._expected, 1.0))
+
+    def _prepare(self, pairs: Sequence[tuple[str, str]], pool: ThreadPoolExecutor) -> None:
+        """Work out once what several pairs need of a cloud."""
+        clouds = {id(c): c for pair in pairs for both in self._scenes.of(*pair) for c in both}
+        new = [key for key in clouds if key not in self._views]
+        views = pool.map(lambda key: view_of(clouds[key], self._config), new)
+        self._views.update(zip(new, views, strict=True))
 
     def _guess(self, target: str, source: str) -> _F64 | None:
         if target not in self._start or source not in self._start:
@@ -169,7 +183,7 @@ class _Search:
             shared = _shared_view(self._scenes.of(target, source), T_target_source)
             if shared >= limits.overlap_worth_a_loop:
                 wanted[target, source] = T_target_source
-        self.register(wanted)
+        self.register(wanted, local=True)
 
 
 def _shared_view(clouds: Sequence[tuple[_F64, _F64]], T_target_source: _F64) -> float:

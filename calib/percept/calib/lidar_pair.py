@@ -14,27 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from percept.calib.free_space import Agreement, agreement
+from percept.calib.free_space import Agreement
 from percept.calib.lidar_pair_candidates import (
     Candidate,
     Scene,
-    prepare_scene,
     rank_candidates,
+    refine_candidate,
 )
 from percept.calib.lidar_pair_result import PairRegistration, Rival
-from percept.calib.lidar_pair_spread import solve_spread, weak_directions
+from percept.calib.lidar_pair_spread import solve_spread, solve_with_offset, weak_directions
 from percept.calib.lidar_pair_verdict import Evidence, judge
+from percept.calib.lidar_view import SensorView, UnusableCloud, prepare_view
 from percept.calib.limits import LidarLimits
-from percept.calib.registration import Stage, refine, surface
+from percept.calib.registration import Stage, refine
 from percept.core.errors import GeometryError
 from percept.core.results import Verdict
 from percept.core.settings import Settings
 
-__all__ = ["LidarCalibrationConfig", "register_pair"]
+__all__ = ["LidarCalibrationConfig", "register_pair", "register_views", "view_of"]
 
 _F64 = NDArray[np.float64]
 _LIMITS = LidarLimits()
-_FINE_PROBES = 15000
 
 
 class LidarCalibrationConfig(Settings):
@@ -79,21 +79,66 @@ def register_pair(
         GeometryError: If a cloud has fewer than three columns or the guess is not (4, 4).
     """
     config = config or LidarCalibrationConfig()
+    views = [(view_of(target, config), view_of(source, config)) for target, source in scenes]
+    return register_views(views, config, initial)
+
+
+def view_of(
+    cloud: NDArray[np.floating], config: LidarCalibrationConfig
+) -> SensorView | UnusableCloud:
+    """Prepare a cloud (N, 3 or more) for `register_views`, as the settings want it."""
+    return prepare_view(
+        cloud,
+        nearest_m=config.nearest_m,
+        farthest_m=config.farthest_m,
+        voxel_m=config.voxel_m,
+    )
+
+
+def register_views(
+    scenes: Sequence[tuple[SensorView | UnusableCloud, SensorView | UnusableCloud]],
+    config: LidarCalibrationConfig,
+    initial: NDArray[np.floating] | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    local: bool = False,
+) -> PairRegistration:
+    """Find where one LiDAR sits as seen from another, from clouds that are prepared.
+
+    Args:
+        scenes: What target and source saw, for each scene.
+        config: Settings; those that the views were prepared with.
+        initial: A guess (4, 4) of `T_target_source`.
+        names: What the scenes are called in words; their numbers from 1 on if None.
+        local: Look near the guess only. It is judged as any other answer, rivals excepted.
+
+    Raises:
+        GeometryError: If the guess is not (4, 4).
+    """
     guess = _checked_guess(initial)
     dropped: Counter[str] = Counter()
     left_out: dict[int, str] = {}
     used: list[Scene] = []
     for index, (target, source) in enumerate(scenes):
-        clouds = [_cleaned(cloud, config, dropped) for cloud in (target, source)]
-        reason = _unusable(clouds)
-        if reason is None:
-            used.append(prepare_scene(index, clouds[0], clouds[1]))
+        dropped.update(target.dropped)
+        dropped.update(source.dropped)
+        if isinstance(target, UnusableCloud):
+            left_out[index] = f"the target's {target.reason}"
+        elif isinstance(source, UnusableCloud):
+            left_out[index] = f"the source's {source.reason}"
+        elif np.array_equal(target.points, source.points):
+            left_out[index] = "both clouds are the same data"
         else:
-            left_out[index] = reason
-    ranked = rank_candidates(used, config.largest_translation_m, guess, _LIMITS) if used else []
+            used.append(Scene(index, target, source))
+    called = tuple(names or (str(number + 1) for number in range(len(scenes))))
+    ranked: list[Candidate] = []
+    if used and local and guess is not None:
+        ranked = refine_candidate(used, guess, _LIMITS)
+    elif used:
+        ranked = rank_candidates(used, config.largest_translation_m, guess, _LIMITS)
     if not ranked:
-        return _nothing(len(scenes), dropped, left_out)
-    return _solved(len(scenes), used, ranked, config, dropped, left_out)
+        return _nothing(called, dropped, left_out)
+    return _solved(called, used, ranked, config, dropped, left_out)
 
 
 def _checked_guess(initial: NDArray[np.floating] | None) -> _F64 | None:
@@ -105,42 +150,8 @@ def _checked_guess(initial: NDArray[np.floating] | None) -> _F64 | None:
     return guess
 
 
-def _cleaned(
-    cloud: NDArray[np.floating], config: LidarCalibrationConfig, dropped: Counter[str]
-) -> _F64:
-    """Return the usable points (N, 3) of a cloud and count the others."""
-    points = np.asarray(cloud, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] < 3:
-        raise GeometryError(f"a cloud is (N, 3), not {points.shape}")
-    points = points[:, :3]
-    finite = np.isfinite(points).all(axis=1)
-    points = points[finite]
-    ranges = np.linalg.norm(points, axis=1)
-    near, far = ranges < config.nearest_m, ranges > config.farthest_m
-    dropped.update(
-        {
-            "not finite": int((~finite).sum()),
-            "too near": int(near.sum()),
-            "too far": int(far.sum()),
-        }
-    )
-    return np.ascontiguousarray(points[~near & ~far])
-
-
-def _unusable(clouds: Sequence[_F64]) -> str | None:
-    """Return why a scene cannot be used, or None."""
-    for name, cloud in zip(("target", "source"), clouds, strict=True):
-        if len(cloud) == 0:
-            return f"the {name}'s cloud has no usable point"
-        if len(cloud) < _LIMITS.fewest_points:
-            return f"the {name}'s cloud has {len(cloud)} points only"
-    if np.array_equal(clouds[0], clouds[1]):
-        return "both clouds are the same data"
-    return None
-
-
 def _solved(
-    count: int,
+    names: tuple[str, ...],
     used: list[Scene],
     ranked: list[Candidate],
     config: LidarCalibrationConfig,
@@ -149,23 +160,21 @@ def _solved(
 ) -> PairRegistration:
     """Refine the best candidate on all scenes and judge it."""
     winner = ranked[0]
-    voxel, kernel = config.voxel_m, config.kernel_m
-    pairs = [
-        (surface(s.target, voxel, _FINE_PROBES), surface(s.source, voxel, _FINE_PROBES))
-        for s in used
-    ]
-    stages = (Stage(0.3, 2 * kernel, 8), Stage(0.3, kernel, 20))
+    pairs = [scene.fine for scene in used]
+    stages = (Stage(0.3, 2 * config.kernel_m, 8), Stage(0.3, config.kernel_m, 20))
     T = refine(pairs, winner.T_target_source, stages)
-    spread = solve_spread(pairs, T, stages[-1])
-    total = sum((agreement(*s.seen, T) for s in used), start=Agreement())
+    T, offset_m = solve_with_offset(pairs, T, stages[-1], _LIMITS.offset_sd_m)
+    spread = solve_spread(pairs, T, stages[-1], offset_m=offset_m, limits=_LIMITS)
+    total = sum((scene.agreement(T) for scene in used), start=Agreement())
     weak, _ = weak_directions(spread.G, _LIMITS)
     rivals = tuple(_rival(c, winner) for c in ranked[1:])
-    per_scene: list[_F64 | None] = [None] * count
+    per_scene: list[_F64 | None] = [None] * len(names)
     for scene, solution in zip(used, spread.scene_transforms, strict=True):
         per_scene[scene.index] = solution
-    verdict, why = judge(
+    verdict, why, advice = judge(
         Evidence(
             T=T,
+            names=names,
             agreement=total,
             rivals=rivals,
             votes=winner.scenes,
@@ -190,9 +199,12 @@ def _solved(
         information=spread.information,
         structure_share=total.share,
         free_space_violation=total.violation,
+        range_offset_m=offset_m,
+        range_offset_sd_m=spread.offset.sd,
         rivals=rivals,
         verdict=verdict,
         why=why,
+        advice=advice,
         dropped_points=dict(dropped),
         scenes_left_out=left_out,
     )
@@ -207,31 +219,36 @@ def _rival(candidate: Candidate, winner: Candidate) -> Rival:
     )
 
 
-def _nothing(count: int, dropped: Counter[str], left_out: dict[int, str]) -> PairRegistration:
-    reasons = "; ".join(f"scene {index + 1}: {why}" for index, why in left_out.items())
+def _nothing(
+    names: tuple[str, ...], dropped: Counter[str], left_out: dict[int, str]
+) -> PairRegistration:
+    reasons = "; ".join(f"scene {names[index]}: {why}" for index, why in left_out.items())
     why = (
         f"No scene could be used ({reasons or 'none was given'})."
-        if len(left_out) == count
+        if len(left_out) == len(names)
         else "No place of the source within the largest translation fits any scene."
     )
     unknown = np.full(3, np.inf)
     return PairRegistration(
         T_target_source=None,
-        scene_T_target_source=(None,) * count,
+        scene_T_target_source=(None,) * len(names),
         sd_translation_m=unknown,
         sd_rotation_deg=unknown,
         leave_one_out=None,
         rms_m=float("nan"),
         overlap=0.0,
         overlap_05=0.0,
-        scenes_agreeing=(0, count - len(left_out)),
+        scenes_agreeing=(0, len(names) - len(left_out)),
         weak_directions=(),
         information=np.zeros((6, 6)),
         structure_share=0.0,
         free_space_violation=0.0,
+        range_offset_m=0.0,
+        range_offset_sd_m=np.inf,
         rivals=(),
         verdict=Verdict.BAD,
         why=(why,),
+        advice=(),
         dropped_points=dict(dropped),
         scenes_left_out=left_out,
     )

@@ -9,48 +9,62 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from percept.calib.free_space import Agreement, Seen, agreement, what_is_seen
+from percept.calib.free_space import Agreement, agreement
 from percept.calib.hypotheses import propose
-from percept.calib.levelling import LevelPlane, find_planes
+from percept.calib.lidar_view import SensorView
 from percept.calib.limits import LidarLimits
-from percept.calib.registration import Stage, Surface, refine, surface
+from percept.calib.registration import Stage, Surface, refine
 
-__all__ = ["Candidate", "Scene", "difference", "is_same", "prepare_scene", "rank_candidates"]
+__all__ = [
+    "Candidate",
+    "Scene",
+    "difference",
+    "is_same",
+    "rank_candidates",
+    "refine_candidate",
+]
 
 _F64 = NDArray[np.float64]
 
-_COARSE_M = 0.4
-_MEDIUM_M = 0.2
-_COARSE_PROBES = 1500
-_PLANES = 3
-_MEDIUM_PROBES = 5000
 _COARSE = (Stage(2.0, 1.0, 5), Stage(1.0, 0.4, 6), Stage(0.5, 0.2, 8))
 _MEDIUM = (Stage(0.5, 0.2, 8), Stage(0.3, 0.1, 6))
 _PROPOSALS = 8  # refined for each scene
 _KEPT = 4  # of each scene, and in the end
+_PROMISING = 0.4  # of the best score; a rival in the end has 0.9 of it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """One scene, prepared.
+    """One scene.
 
     Attributes:
         index: Its place among the scenes given.
-        target: (N, 3) cloud of the target.
-        source: (M, 3) cloud of the source.
-        planes: Largest planes of target and source.
-        coarse: (target, source) thinned to 0.4 m.
-        medium: (target, source) thinned to 0.2 m.
-        seen: What either of them saw.
+        target: What the target saw.
+        source: What the source saw.
     """
 
     index: int
-    target: _F64
-    source: _F64
-    planes: tuple[list[LevelPlane], list[LevelPlane]]
-    coarse: tuple[Surface, Surface]
-    medium: tuple[Surface, Surface]
-    seen: tuple[Seen, Seen]
+    target: SensorView
+    source: SensorView
+
+    @property
+    def coarse(self) -> tuple[Surface, Surface]:
+        """Surfaces of (target, source), thinned to 0.4 m."""
+        return self.target.coarse, self.source.coarse
+
+    @property
+    def medium(self) -> tuple[Surface, Surface]:
+        """Surfaces of (target, source), thinned to 0.2 m."""
+        return self.target.medium, self.source.medium
+
+    @property
+    def fine(self) -> tuple[Surface, Surface]:
+        """Surfaces of (target, source), thinned to the finest voxel."""
+        return self.target.fine, self.source.fine
+
+    def agreement(self, T_target_source: _F64) -> Agreement:
+        """Count agreement and contradiction at a transform (4, 4)."""
+        return agreement(self.target.seen, self.source.seen, T_target_source)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,24 +82,6 @@ class Candidate:
     scenes: tuple[int, ...]
     agreement: Agreement
     score: float
-
-
-def prepare_scene(index: int, target: _F64, source: _F64) -> Scene:
-    """Thin both clouds (N, 3), (M, 3), find their planes, and what each sensor looked through."""
-    clouds = (target, source)
-    planes = [find_planes(cloud, _PLANES) for cloud in clouds]
-    coarse = [surface(cloud, _COARSE_M, _COARSE_PROBES) for cloud in clouds]
-    medium = [surface(cloud, _MEDIUM_M, _MEDIUM_PROBES) for cloud in clouds]
-    seen = [what_is_seen(*each) for each in zip(clouds, medium, planes, strict=True)]
-    return Scene(
-        index=index,
-        target=target,
-        source=source,
-        planes=(planes[0], planes[1]),
-        coarse=(coarse[0], coarse[1]),
-        medium=(medium[0], medium[1]),
-        seen=(seen[0], seen[1]),
-    )
 
 
 def difference(T_a: _F64, T_b: _F64) -> tuple[float, float]:
@@ -118,17 +114,49 @@ def rank_candidates(
     merged = _merged(pool, limits)
     coarse = [scene.coarse for scene in scenes]
     together = [_judged(refine(coarse, c.T_target_source, _COARSE[1:]), c, scenes) for c in merged]
-    best = _merged(_sorted(together), limits)[: 2 * _KEPT]
+    return _settled(_promising(_merged(_sorted(together), limits), 2 * _KEPT), scenes, limits)
+
+
+def refine_candidate(
+    scenes: Sequence[Scene], T_target_source: _F64, limits: LidarLimits
+) -> list[Candidate]:
+    """Return the one candidate near a place (4, 4) that is known already, with no search.
+
+    A scene votes for it where its own answer from there is the same one.
+    """
+    votes = tuple(
+        scene.index
+        for scene in scenes
+        if is_same(refine([scene.medium], T_target_source, _MEDIUM), T_target_source, limits)
+    )
+    return _settled([Candidate(T_target_source, votes, Agreement(), 0.0)], scenes, limits)
+
+
+def _settled(
+    candidates: list[Candidate], scenes: Sequence[Scene], limits: LidarLimits
+) -> list[Candidate]:
+    """Refine candidates on the finer surfaces of all scenes and rank them."""
     medium = [scene.medium for scene in scenes]
-    fine = [_judged(refine(medium, c.T_target_source, _MEDIUM), c, scenes) for c in best]
+    fine = [_judged(refine(medium, c.T_target_source, _MEDIUM), c, scenes) for c in candidates]
     return _merged(_sorted(fine), limits)
+
+
+def _promising(ranked: list[Candidate], most: int) -> list[Candidate]:
+    """Leave out what finer surfaces cannot bring near the best of a ranking."""
+    least = _PROMISING * ranked[0].score if ranked else 0.0
+    return [c for c in ranked[:most] if c.score >= min(least, ranked[0].score)]
 
 
 def _of_scene(
     scene: Scene, largest_m: float, initial: _F64 | None, limits: LidarLimits
 ) -> list[Candidate]:
     """Return one scene's own candidates, best first; only the best carries the scene's vote."""
-    proposed = propose(scene.target, scene.source, scene.planes, largest_m)
+    proposed = propose(
+        scene.target.points,
+        scene.source.points,
+        (scene.target.planes, scene.source.planes),
+        largest_m,
+    )
     starts = _separate([h.T_target_source for h in proposed])[:_PROPOSALS]
     starts += [np.eye(4)] if initial is None else [np.eye(4), initial]
     found: list[Candidate] = []
@@ -137,7 +165,7 @@ def _of_scene(
         if np.linalg.norm(T[:3, 3]) > largest_m:
             continue
         found.append(_judged(T, Candidate(T, (), Agreement(), 0.0), [scene]))
-    found = _merged(_sorted(found), limits)[:_KEPT]
+    found = _promising(_merged(_sorted(found), limits), _KEPT)
     found = _sorted(
         [_judged(refine([scene.medium], c.T_target_source, _MEDIUM), c, [scene]) for c in found]
     )
@@ -158,7 +186,7 @@ def _separate(starts: list[_F64]) -> list[_F64]:
 
 
 def _judged(T: _F64, old: Candidate, scenes: Sequence[Scene]) -> Candidate:
-    each = [agreement(*scene.seen, T) for scene in scenes]
+    each = [scene.agreement(T) for scene in scenes]
     score = float(np.mean([one.score for one in each]))
     return Candidate(T, old.scenes, sum(each, start=Agreement()), score)
 

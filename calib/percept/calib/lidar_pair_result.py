@@ -57,9 +57,13 @@ class PairRegistration:
             ``R <- exp(w) R``, ``t <- t + s`` along the target's axes.
         structure_share: Share of what stands out of the ground within 0.1 m.
         free_space_violation: Share of it that the other sensor saw through.
+        range_offset_m: By how much the source measures farther than the target; the transform
+            is that without it.
+        range_offset_sd_m: What the clouds let know of it; infinite where they say nothing.
         rivals: Other places, best first.
         verdict: How far to trust it.
         why: Sentences that say why, most important first.
+        advice: What to do about it, likewise.
         dropped_points: Points that were not used, by reason.
         scenes_left_out: Reason for each scene (by index) that was not used.
     """
@@ -77,8 +81,11 @@ class PairRegistration:
     information: _F64
     structure_share: float
     free_space_violation: float
+    range_offset_m: float
+    range_offset_sd_m: float
     rivals: tuple[Rival, ...]
     verdict: Verdict
     why: tuple[str, ...]
+    advice: tuple[str, ...]
     dropped_points: Mapping[str, int]
     scenes_left_out: Mapping[int, str]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy as np
 from percept.calib.lidar_evidence import RigEvidence, RigGraph
 from percept.calib.lidar_pair_result import PairRegistration
 from percept.calib.lidar_result import SEVERITY, LidarExtrinsic, worst_verdict
-from percept.calib.lidar_scenes import CalibrationScenes
 from percept.calib.rig_graph import Placement
 from percept.core.results import Verdict
 
@@ -29,13 +27,11 @@ __all__ = [
 _ONE_PLACE = "Record two or more other places, so that the answers can be compared"
 
 
-def why_of(
-    scenes: CalibrationScenes, placement: Placement, pairs: Sequence[PairRegistration]
-) -> str:
+def why_of(placement: Placement, pairs: Sequence[PairRegistration]) -> str:
     """Return the reason of the verdict; that of the weakest step where there are several."""
     worst = worst_verdict(pair.verdict for pair in pairs)
     reasons = [
-        (edge, sentence(scenes, edge.target, edge.source, pair))
+        (edge, sentence(pair))
         for edge, pair in zip(placement.edges, pairs, strict=True)
         if pair.verdict is worst
     ]
@@ -45,15 +41,9 @@ def why_of(
     return f"placed by way of {', '.join(placement.path[1:-1])}; {edge.name}: {text}"
 
 
-def sentence(scenes: CalibrationScenes, target: str, source: str, pair: PairRegistration) -> str:
-    """Return the reasons of a registration, with the numbers that the scenes were given under."""
-    names = scenes.numbers(target, source)
-    text = " ".join(pair.why).rstrip(".")
-
-    def renumbered(match: re.Match[str]) -> str:
-        return re.sub(r"\d+", lambda n: names[int(n.group()) - 1], match.group())
-
-    return re.sub(r"\bScene \d+(?:(?:, | and )\d+)*", renumbered, text)
+def sentence(pair: PairRegistration) -> str:
+    """Return the reasons of a registration."""
+    return " ".join(pair.why).rstrip(".")
 
 
 def reasons(
@@ -84,8 +74,6 @@ def advice(evidence: RigEvidence, extrinsics: Sequence[LidarExtrinsic]) -> list[
         for e in extrinsics
         if e.weak_directions
     ]
-    if any(e.verdict is Verdict.AMBIGUOUS for e in extrinsics):
-        advice.append("Add scenes without symmetry, such as a corner, a gate or parked vehicles")
     if any(e.verdict is Verdict.BAD for e in extrinsics):
         advice.append("Look at the pictures: do the clouds of one scene show the same place")
     return list(dict.fromkeys(advice))
@@ -103,6 +91,7 @@ def pair_entry(names: tuple[str, str], pair: PairRegistration) -> dict[str, Any]
         "scenes_agreeing": agreeing(pair),
         "verdict": str(pair.verdict),
         "why": list(pair.why),
+        "range_offset_m": pair.range_offset_m,
     }
 
 

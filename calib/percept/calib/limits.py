@@ -34,6 +34,12 @@ class LidarLimits:
         sd_rotation_good_deg: 0.1 deg is 9 cm at 50 m.
         sd_translation_doubtful_m: Beyond this a result is of no use.
         sd_rotation_doubtful_deg: Beyond this a result is of no use.
+        offset_sd_m: Ranges of two sound sensors differ by about this much all over.
+        offset_doubtful_m: An offset above this, and above `fault_sd` times its spread, is a fault
+            of a sensor.
+        tilt_doubtful_deg: Beams of the source that seem to point higher or lower than they are
+            said to by more than this, and by `fault_sd` times its spread, are a wrong model.
+        fault_sd: See `offset_doubtful_m`; wide, because surfaces are no perfect planes.
         moved_sd: Scenes that differ from the others by more than this many standard deviations
         moved_translation_m: and by more than this,
         moved_rotation_deg: or this, say that a sensor moved between them.
@@ -74,6 +80,10 @@ class LidarLimits:
     sd_rotation_good_deg: float = 0.1
     sd_translation_doubtful_m: float = 0.1
     sd_rotation_doubtful_deg: float = 0.5
+    offset_sd_m: float = 0.02
+    offset_doubtful_m: float = 0.03
+    tilt_doubtful_deg: float = 0.15
+    fault_sd: float = 3.0
     moved_sd: float = 5.0
     moved_translation_m: float = 0.04
     moved_rotation_deg: float = 0.25
@@ -131,6 +141,10 @@ class CameraLimits:
         focal_good: Standard deviation over focal length; 0.002 is 2 % of a pixel in ten,
         focal_bad: and what makes it useless.
         bend_surprise: A bend of the board by more than so many standard deviations is believed.
+        stretch_surprise: Columns that are longer than rows by more than so many standard deviations
+            are believed, and so is a square board whose stretch is known so well.
+        oblong_doubtful: Nearly all sensors have square pixels: a larger difference of fx and fy,
+            unless the views show that the board is square, is the print's.
         fold_share: Share of the image's grid without a ray, from which on a distortion that
             folds back is a fault.
     """
@@ -161,6 +175,8 @@ class CameraLimits:
     focal_good: float = 0.002
     focal_bad: float = 0.02
     bend_surprise: float = 5.0
+    stretch_surprise: float = 3.0
+    oblong_doubtful: float = 0.003
     fold_share: float = 0.0
 
 
@@ -200,7 +216,10 @@ class CameraLidarLimits:
         range_systematic_m: LiDARs measure near and far boards differently by so much (data sheets
             say up to 3 cm); over the spread of distances it looks like a scale.
         centre_good_deg: A principal point that is off looks like a turn by as much,
-        centre_bad_deg: and beyond this it is another camera's.
+        centre_bad_deg: and beyond this it is wrong by what is of no use to any fusion.
+        pattern_good_m: A pattern that lies farther off the plate's middle shifts the result by
+            about as much,
+        pattern_sd_m: and where that is not known to this, it cannot be told from a shift.
         corner_good_px: Root mean square of corners about the joint solution; corners are found
             to 0.1 to 0.3 px, so more is a wrong lens model.
         corner_doubtful_px: More is another camera.
@@ -232,7 +251,9 @@ class CameraLidarLimits:
     scale_bad: float = 0.03
     range_systematic_m: float = 0.01
     centre_good_deg: float = 0.3
-    centre_bad_deg: float = 3.0
+    centre_bad_deg: float = 1.0
+    pattern_good_m: float = 0.005
+    pattern_sd_m: float = 0.01
     corner_good_px: float = 1.0
     corner_doubtful_px: float = 3.0
     point_good_m: float = 0.04

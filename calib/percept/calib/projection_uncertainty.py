@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from percept.calib.intrinsics_lens import lens_pixels
 from percept.core.cameras import Camera
 
-__all__ = ["GRID", "pixel_grid", "projection_change", "projection_difference", "projection_sd"]
+__all__ = [
+    "GRID",
+    "pixel_grid",
+    "projection_change",
+    "projection_difference",
+    "projection_sd",
+    "rays_difference",
+]
 
 _F64 = NDArray[np.float64]
 
@@ -38,7 +45,12 @@ def projection_difference(a: Camera, b: Camera, pixels: _F64, weights: _F64) -> 
     `weights` (N,): pixels at which nothing is known must not turn the whole picture. NaN where
     one of the cameras has no ray for the pixel: its distortion folds back there.
     """
-    rays_a, rays_b = a.unproject(pixels), b.unproject(pixels)
+    return rays_difference(a.unproject(pixels), b, pixels, weights)
+
+
+def rays_difference(rays_a: _F64, b: Camera, pixels: _F64, weights: _F64) -> _F64:
+    """Return the same as `projection_difference` for the rays (N, 3) of a that belong to pixels."""
+    rays_b = b.unproject(pixels)
     both = np.isfinite(rays_a).all(axis=1) & np.isfinite(rays_b).all(axis=1) & (weights > 0)
     difference = np.full(len(pixels), np.nan)
     if both.sum() < 3:

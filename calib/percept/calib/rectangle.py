@@ -72,7 +72,24 @@ def fit_rectangle(
     halves = (halves[0] + bloom, halves[1] + bloom)
     span = np.maximum(_SPAN_SD * np.sqrt(np.diag(covariance)), corner * soft)
     mean, covariance = _zoom(rays, hits, halves, (mean, span), soft)
-    return RectangleFit(mean, covariance, soft, bloom)
+    return RectangleFit(mean, covariance * _repetition(rays, mean, halves, soft), soft, bloom)
+
+
+def _repetition(
+    rays: NDArray[np.float64], pose: NDArray[np.float64], halves: tuple[float, float], soft_m: float
+) -> float:
+    """Return how often the rays that tell where the rim is say the same.
+
+    A sensor that stands still sends its beams to the same places scan after scan, and rays that
+    are closer to each other than the rim is soft share what makes it so. They count once.
+    """
+    from percept.calib.rectangle_kernels import FARTHEST_SOFT, edge_distances
+
+    telling = rays[np.abs(edge_distances(rays, pose, *halves)) < FARTHEST_SOFT * soft_m]
+    if not len(telling):
+        return 1.0
+    places = np.unique(np.floor(telling / soft_m).astype(np.int64), axis=0)
+    return len(telling) / len(places)
 
 
 def _likeliest_rim(

@@ -4,7 +4,9 @@ Each scene adds its residuals to one 6x6 system for one transform. Points of eit
 for their neighbour in the other, because one of the two is often sparse.
 
 The unknowns of a step are a rotation vector (rad) and a shift (m) along the target's axes,
-``R <- exp(w) R`` and ``t <- t + s``: the rotation turns about the source's origin.
+``R <- exp(w) R`` and ``t <- t + s``: the rotation turns about the source's origin. Beside them
+stand two faults of the source: ranges that are too long (m) and beams that point higher than
+they are said to (rad).
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ __all__ = [
     "apply_step",
     "linearise",
     "refine",
+    "refine_with_offset",
     "solve_step",
     "surface",
     "thin",
@@ -38,6 +41,7 @@ _SOFTNESS = 0.2  # of bushes and posts, which count too
 _LOOSE_FLAT = 0.001
 _BEAM_RAD = 0.003  # divergence of a beam, which edges and bushes are seen with
 _FLATNESS = 0.1  # smallest over middle eigenvalue: a plane, not a bush
+_CONVERGED = 1e-3  # 0.1 mm and 0.0006 deg at the finest gate of 0.3 m
 _BREADTH = 0.05  # middle over largest eigenvalue: a plane, not the line of one laser ring
 
 
@@ -88,8 +92,9 @@ class System:
     """The linearised problem at a transform, as sums over blocks of residuals.
 
     Attributes:
-        H: (B, 6, 6) and
-        b: (B, 6) of rotation (rad) and shift (m) in the target's axes.
+        H: (B, 8, 8) and
+        b: (B, 8) of rotation (rad) and shift (m) in the target's axes, then by how much the
+            source measures too far (m) and too high (rad).
         G: (B, 6, 6) the part of H that comes from the shape of the surfaces alone.
         squares: (B,) weighted sums of squared residuals, m^2.
         weights: (B,) sums of weights.
@@ -159,9 +164,18 @@ def apply_step(T_target_source: _F64, step: _F64) -> _F64:
 
 
 def linearise(
-    target: Surface, source: Surface, T_target_source: _F64, stage: Stage, *, sectors: int = 1
+    target: Surface,
+    source: Surface,
+    T_target_source: _F64,
+    stage: Stage,
+    *,
+    sectors: int = 1,
+    offset_m: float = 0.0,
 ) -> System:
     """Linearise one scene's residuals in both directions.
+
+    Neighbours whose normals point away from each other are the two sides of one thing, a sign
+    or a post, seen from either sensor; taken for one surface they draw the sensors together.
 
     Args:
         target: The target's surface.
@@ -169,6 +183,7 @@ def linearise(
         T_target_source: (4, 4) where to linearise.
         stage: Gate and kernel.
         sectors: Number of azimuth sectors (about the source) to sum apart.
+        offset_m: By how much the source measures too far.
     """
     R, t = T_target_source[:3, :3], T_target_source[:3, 3]
     forth_s, forth_t = _nearest(target, source.probes @ R.T + t, stage.gate_m)
@@ -183,19 +198,24 @@ def linearise(
             target.probe_is_round[back_t] & source.is_round[back_s],
         ]
     )
+    one_side = (normals_t * normals_s).sum(axis=1) > 0
+    arms = arms[one_side]
+    if offset_m:
+        arms = arms * (1 - offset_m / np.linalg.norm(arms, axis=1, keepdims=True))
     turns = np.arctan2(arms[:, 1], arms[:, 0]) / (2 * np.pi) + 0.5
     blocks = np.minimum((turns * sectors).astype(np.int64), sectors - 1)
     return System(
         *normal_equations(
             arms,
-            arms + t - ends,
-            (normals_t, normals_s),
+            arms + t - ends[one_side],
+            (normals_t[one_side], normals_s[one_side]),
             blocks,
             sectors,
             _SOFTNESS,
-            np.where(round_, _SOFTNESS, _LOOSE_FLAT),
+            np.where(round_[one_side], _SOFTNESS, _LOOSE_FLAT),
             stage.kernel_m,
             _BEAM_RAD,
+            np.ascontiguousarray(R[:, 2]),
         )
     )
 
@@ -213,23 +233,71 @@ def refine(
     scenes: Sequence[tuple[Surface, Surface]],
     T_target_source: _F64,
     stages: Sequence[Stage],
+    *,
+    offset_m: float = 0.0,
 ) -> _F64:
-    """Refine one transform (4, 4) on all scenes (target, source), stage by stage."""
+    """Refine one transform (4, 4) on all scenes (target, source), stage by stage.
+
+    Args:
+        scenes: Surfaces of target and source, one pair a scene.
+        T_target_source: (4, 4) to begin with.
+        stages: From coarse to fine.
+        offset_m: By how much the source measures too far.
+    """
     T = T_target_source
     for stage in stages:
-        for _ in range(stage.steps):
-            systems = [linearise(a, b, T, stage) for a, b in scenes]
-            H = np.sum([system.H[0] for system in systems], axis=0)
-            b = np.sum([system.b[0] for system in systems], axis=0)
-            step = solve_step(H, b)
-            T = apply_step(T, step)
-            if np.abs(step[:3]).max() < 1e-5 and np.abs(step[3:]).max() < 1e-4:
-                break
+        T, _ = _settled(scenes, T, stage, offset_m, None)
     return T
 
 
+def refine_with_offset(
+    scenes: Sequence[tuple[Surface, Surface]],
+    T_target_source: _F64,
+    stage: Stage,
+    stiffness: float,
+    *,
+    offset_m: float = 0.0,
+) -> tuple[_F64, float]:
+    """Refine a transform (4, 4) together with how much too far (m) the source measures.
+
+    Args:
+        scenes: Surfaces of target and source, one pair a scene.
+        T_target_source: (4, 4) to begin with.
+        stage: Gate and kernel.
+        stiffness: What the offset is held at zero with, in units of `System.H`.
+        offset_m: The offset to begin with.
+    """
+    return _settled(scenes, T_target_source, stage, offset_m, stiffness)
+
+
+def _settled(
+    scenes: Sequence[tuple[Surface, Surface]],
+    T: _F64,
+    stage: Stage,
+    offset_m: float,
+    stiffness: float | None,
+) -> tuple[_F64, float]:
+    """Return transform and offset after the steps of one stage; no stiffness holds the offset."""
+    unknowns = 6 if stiffness is None else 7
+    for _ in range(stage.steps):
+        systems = [linearise(a, b, T, stage, offset_m=offset_m) for a, b in scenes]
+        H = np.sum([system.H[0] for system in systems], axis=0)[:unknowns, :unknowns]
+        b = np.sum([system.b[0] for system in systems], axis=0)[:unknowns]
+        if stiffness is not None:
+            H[6, 6] += stiffness
+            b[6] += stiffness * offset_m
+        step = solve_step(H, b)
+        T = apply_step(T, step[:6])
+        offset_m += float(step[6:].sum())
+        enough = _CONVERGED * stage.gate_m**2  # the next stage goes on from here
+        if np.abs(step[:3]).max() < 0.1 * enough and np.abs(step[3:]).max() < enough:
+            break
+    return T, offset_m
+
+
 def solve_step(H: _F64, b: _F64) -> _F64:
-    """Return the Gauss-Newton step (6,), held back in directions that nothing determines."""
+    """Return the Gauss-Newton step (6 or more), held back where nothing determines it."""
     diagonal = np.diag(H)
-    damping = 1e-6 * np.repeat([diagonal[:3].max(), diagonal[3:].max()], 3) + 1e-9
-    return np.asarray(-np.linalg.solve(H + np.diag(damping), b), dtype=np.float64)
+    largest = np.full(len(b), diagonal[3:].max())
+    largest[:3] = diagonal[:3].max()
+    return np.asarray(-np.linalg.solve(H + np.diag(1e-6 * largest + 1e-9), b), dtype=np.float64)

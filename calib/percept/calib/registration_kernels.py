@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable
+from typing import TypeVar, cast
 
-from percept.lidar.compiled import compiled
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 __all__ = ["carve_free_space", "correlate_poses", "local_moments", "normal_equations"]
 
 _F64 = NDArray[np.float64]
+_Function = TypeVar("_Function", bound=Callable[..., object])
 
 
-@compiled
+def _compiled(function: _Function) -> _Function:
+    """Compile a function at its first call; it runs beside others, without Python's lock."""
+    jit = njit(cache=True, error_model="numpy", nogil=True)
+    return cast("_Function", jit(function))
+
+
+@_compiled
 def local_moments(points: _F64, neighbours: NDArray[np.int64]) -> tuple[_F64, _F64]:
     """Return the mean (N, 3) and covariance (N, 3, 3) of each point's neighbourhood.
 
@@ -35,7 +44,7 @@ def local_moments(points: _F64, neighbours: NDArray[np.int64]) -> tuple[_F64, _F
     return means, covariances
 
 
-@compiled
+@_compiled
 def normal_equations(
     arms: _F64,
     offsets: _F64,
@@ -46,6 +55,7 @@ def normal_equations(
     loose: _F64,
     kernel_m: float,
     angle_rad: float,
+    upright: _F64,
 ) -> tuple[_F64, _F64, _F64, _F64, _F64]:
     """Sum the Gauss-Newton system of generalised ICP, block by block.
 
@@ -55,8 +65,9 @@ def normal_equations(
     a and b the eigenvectors of C are a + b, a - b (eigenvalues ``2 - (1 - softness)(1 +- a.b)``)
     and their cross product (2), which gives M without an inversion.
 
-    The unknowns are a small rotation (3, rad) and a shift (3, m), both along the target's axes;
-    the rotation turns about the source's origin. The kernel is Geman-McClure's, wider and the
+    The unknowns are a small rotation (3, rad) and a shift (3, m), both along the target's axes,
+    and by how much the source measures too far (m) and its beams point too high (rad); the
+    rotation turns about the source's origin. The kernel is Geman-McClure's, wider and the
     weight lower with range, as the beam and its angular error are.
 
     Args:
@@ -70,17 +81,19 @@ def normal_equations(
             surface is flat, because a neighbour there says nothing about the place along it.
         kernel_m: Scale of the kernel: a residual of this size has a quarter of the weight.
         angle_rad: Angular error of a beam.
+        upright: (3,) unit z axis of the source, in the target's axes.
 
     Returns:
-        `H` (n, 6, 6), `b` (n, 6), the part `G` (n, 6, 6) of H that comes from the shape of the
+        `H` (n, 8, 8), `b` (n, 8), the part `G` (n, 6, 6) of H that comes from the shape of the
         surfaces alone, weighted squares across the surfaces (n,), sums of weights (n,).
     """
-    H = np.zeros((n, 6, 6))
+    H = np.zeros((n, 8, 8))
     G = np.zeros((n, 6, 6))
-    b = np.zeros((n, 6))
+    b = np.zeros((n, 8))
     squares = np.zeros(n)
     weights = np.zeros(n)
     u, v, shift = np.empty(3), np.empty(3), np.empty(3)
+    faults = np.empty((2, 3))
     shape = np.empty((3, 3))
     metric = np.empty((3, 3))
     for i in range(len(arms)):
@@ -110,7 +123,13 @@ def normal_equations(
         b[k, 2] += w * (x[0] * shift[1] - x[1] * shift[0])
         for a in range(3):
             b[k, 3 + a] += w * shift[a]
+        _write_faults(faults, x, np.sqrt(reach), upright)
+        for j in range(2):
+            b[k, 6 + j] += w * (
+                faults[j, 0] * shift[0] + faults[j, 1] * shift[1] + faults[j, 2] * shift[2]
+            )
         _add_information(H[k], x, metric, w)
+        _add_faults(H[k], x, metric, w, faults)
         _add_information(G[k], x, shape, w)
         residual = u[0] * r[0] + u[1] * r[1] + u[2] * r[2]
         squares[k] += w * residual * residual
@@ -118,7 +137,7 @@ def normal_equations(
     return H, b, G, squares, weights
 
 
-@compiled
+@_compiled
 def _eigenvectors(a: _F64, b: _F64, u: _F64, v: _F64) -> tuple[float, float]:
     """Write the unit sum and difference of two normals; return 1 + |a.b| and 1 - |a.b|."""
     cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -132,9 +151,42 @@ def _eigenvectors(a: _F64, b: _F64, u: _F64, v: _F64) -> tuple[float, float]:
     return 1 + cosine, 1 - cosine
 
 
-@compiled
+@_compiled
+def _write_faults(faults: _F64, x: _F64, reach: float, upright: _F64) -> None:
+    """Write how a point moves (2, 3) when its range is 1 m, and its beam 1 rad, less than said."""
+    rise = 0.0
+    for a in range(3):
+        faults[0, a] = -x[a] / reach
+        rise -= faults[0, a] * upright[a]
+    flat = np.sqrt(max(1 - rise * rise, 1e-6))
+    for a in range(3):
+        faults[1, a] = -reach * (upright[a] + rise * faults[0, a]) / flat
+
+
+@_compiled
+def _add_faults(H: _F64, x: _F64, M: _F64, w: float, faults: _F64) -> None:
+    """Add the borders of ``w J' M J`` that belong to the columns `faults` (2, 3) to H (8, 8)."""
+    pushed = np.empty(3)
+    for j in range(2):
+        for a in range(3):
+            pushed[a] = w * (
+                M[a, 0] * faults[j, 0] + M[a, 1] * faults[j, 1] + M[a, 2] * faults[j, 2]
+            )
+        for i in range(2):
+            for a in range(3):
+                H[6 + i, 6 + j] += faults[i, a] * pushed[a]
+        H[0, 6 + j] += x[1] * pushed[2] - x[2] * pushed[1]
+        H[1, 6 + j] += x[2] * pushed[0] - x[0] * pushed[2]
+        H[2, 6 + j] += x[0] * pushed[1] - x[1] * pushed[0]
+        for a in range(3):
+            H[3 + a, 6 + j] += pushed[a]
+        for a in range(6):
+            H[6 + j, a] = H[a, 6 + j]
+
+
+@_compiled
 def _add_information(H: _F64, x: _F64, M: _F64, w: float) -> None:
-    """Add ``w J' M J`` with ``J = [-[x], I]`` to a sum (6, 6)."""
+    """Add ``w J' M J`` with ``J = [-[x], I]`` to the first rows of a sum (6 or more square)."""
     turned = np.empty((3, 3))  # [x] M
     for c in range(3):
         turned[0, c] = x[1] * M[2, c] - x[2] * M[1, c]
@@ -151,7 +203,7 @@ def _add_information(H: _F64, x: _F64, M: _F64, w: float) -> None:
             H[3 + a, 3 + c] += w * M[a, c]
 
 
-@compiled
+@_compiled
 def carve_free_space(
     grid: NDArray[np.int8], ends: _F64, origin: _F64, corner: _F64, cell_m: float, gap_m: float
 ) -> None:
@@ -191,7 +243,7 @@ def carve_free_space(
                         grid[u, v, w] = value
 
 
-@compiled
+@_compiled
 def correlate_poses(
     grid: NDArray[np.int8],
     points: _F64,

@@ -22,6 +22,7 @@ __all__ = ["SceneReader"]
 _BASE_FRAMES = ("base_link", "base_footprint", "vehicle", "ego_vehicle")
 _LOG_DELAY_NS = 300_000_000
 _REACH_NS = 1_500_000_000
+_LONG_NS, _SETTLE_NS = 500_000_000, 200_000_000
 _HALF_PERIOD_NS = 60_000_000
 _ROTATION_DOUBT_RAD = float(np.radians(1.0))
 
@@ -67,8 +68,8 @@ class SceneReader:
         notes += [f"no scan of {topic}" for topic, some in scans.items() if not some]
         notes += [f"no image of {topic}" for topic, images in seen.items() if not images]
         return Stop(
-            spans[0].first_ns,
-            spans[-1].last_ns,
+            _core(spans[0])[0],
+            _core(spans[-1])[1],
             {t: np.concatenate([s.points_xyz for s in some]) for t, some in scans.items() if some},
             {
                 t: max(images[: self.settings.most_images], key=_sharpness)
@@ -183,10 +184,15 @@ class SceneReader:
 
 
 def _core(span: StillSpan) -> tuple[int, int, int]:
-    """Return first, last and middle stamp of the part of a span that is read."""
+    """Return first, last and middle stamp of the part of a span that is read.
+
+    At the ends of a span a board may still settle, which its ranges show late.
+    """
     middle_ns = (span.first_ns + span.last_ns) // 2
-    first_ns, last_ns = middle_ns - _REACH_NS, middle_ns + _REACH_NS
-    return max(span.first_ns, first_ns), min(span.last_ns, last_ns), middle_ns
+    length_ns = span.last_ns - span.first_ns
+    settle_ns = min(_SETTLE_NS, length_ns // 4) if length_ns >= _LONG_NS else 0
+    first_ns, last_ns = span.first_ns + settle_ns, span.last_ns - settle_ns
+    return max(first_ns, middle_ns - _REACH_NS), min(last_ns, middle_ns + _REACH_NS), middle_ns
 
 
 def _sharpness(image: CameraImage) -> float:

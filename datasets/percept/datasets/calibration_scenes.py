@@ -44,9 +44,10 @@ def find_stops(
 ) -> list[Stop]:
     """Find the scenes of a log.
 
-    The log is read once for the scans, and a second time only where the scenes are. Memory
-    does not grow with the length of the log. Without `image_topics` there is one scene for each
-    place of the vehicle, because more of them would not be independent.
+    The log is read once for the scans, and a second time only where the scenes are. Of the
+    whole log only the stamps and the poses of the vehicle are kept. Without `image_topics`
+    there is one scene for each place of the vehicle, because more of them would not be
+    independent.
 
     Args:
         recording: The log.

@@ -313,12 +313,15 @@ def _held_runs(
 ) -> Iterator[_Run]:
     """Yield the runs of frames in which one thing is held, which may overlap."""
     for a, b in _chains(held):
-        first, last = a, b + window - 1
-        cells = held[a : b + 1].all(axis=0)
-        if cells.sum() >= _FEWEST_HELD_CELLS and not _drifts(
-            ranges[first : last + 1, cells], sigma_m
-        ):
-            yield _Run(first, last, int(cells.sum()))
+        # At the ends of a chain the thing may just be put down or taken up.
+        for start, end in ((a, b), (a, b - 1), (a + 1, b), (a + 1, b - 1)):
+            first, last = start, end + window - 1
+            cells = held[start : end + 1].all(axis=0)
+            if end < start or cells.sum() < _FEWEST_HELD_CELLS:
+                continue
+            if not _drifts(ranges[first : last + 1, cells], sigma_m):
+                yield _Run(first, last, int(cells.sum()))
+                break
 
 
 def _drifts(ranges: NDArray[np.float32], sigma_m: float) -> bool:

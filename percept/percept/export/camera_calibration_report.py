@@ -301,11 +301,13 @@ def _parameters(fit: CameraFit) -> Iterator[Block]:
         for name, value in zip(parameter_names(fit.camera.model), values, strict=True)
     )
     yield Table(("parameter", "value", "standard deviation"), rows, "OpenCV's model and order.")
-    along, across = 1000 * fit.bend_m
-    sd_along, sd_across = 1000 * fit.bend_sd_m
+    along, across = 1000 * fit.bend.values
+    sd_along, sd_across = 1000 * fit.bend.sd
     yield Paragraph(
         f"If the board's bend is estimated too, its middle stands {along:.2f} +- {sd_along:.2f} mm "
-        f"out along the columns and {across:.2f} +- {sd_across:.2f} mm along the rows."
+        f"out along the columns and {across:.2f} +- {sd_across:.2f} mm along the rows. "
+        f"If its stretch is, its columns are {fit.stretch.values[0]:.2%} +- "
+        f"{fit.stretch.sd[0]:.2%} longer than its rows."
     )
 
 

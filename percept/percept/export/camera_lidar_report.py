@@ -202,6 +202,10 @@ def _tests(result: CameraLidarCalibration) -> Table:
     if result.centre_off_deg is not None:
         right, down = (_estimate(e, 1, 3) for e in result.centre_off_deg)
         rows.append(("principal point is off (deg)", f"right {right}, down {down}"))
+    if result.pattern_off_m is not None:
+        along, across = (_estimate(e, 1000, 1) for e in result.pattern_off_m)
+        words = f"along the columns {along}, along the rows {across}"
+        rows.append(("pattern lies off the plate's middle (mm)", words))
     return Table(("test", "result"), tuple(rows))
 
 

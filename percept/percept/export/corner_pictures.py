@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from percept.core.errors import GeometryError
 from percept.export.canvas import (
@@ -303,6 +302,10 @@ def _filled(grid: _F64, known: NDArray[np.bool_]) -> _F64:
     """Return a grid whose unknown values are their nearest known ones."""
     if not known.any():
         return np.zeros_like(grid)
+    if known.all():
+        return grid
+    from scipy.ndimage import distance_transform_edt  # half a second to import, rarely needed
+
     rows, columns = distance_transform_edt(~known, return_distances=False, return_indices=True)
     filled: _F64 = grid[rows, columns]
     return filled

@@ -25,7 +25,7 @@ from percept.datasets.synthetic.calib_course import (
     StopAndGo,
     draw_course,
 )
-from percept.datasets.synthetic.calib_poses import draw_poses
+from percept.datasets.synthetic.calib_poses import LidarView, draw_poses
 from percept.datasets.synthetic.calib_rig import wrong_rig
 from percept.datasets.synthetic.drive import MAP_ORIGIN, START_NS
 from percept.datasets.synthetic.lidar import LidarModel, LidarScan, cloud_of_scan, scan_world
@@ -129,8 +129,9 @@ class Capture:
             rng = np.random.default_rng([self.config.seed, 62, number])
             farthest_m = _FARTHEST_M[camera.name]
             profile = self.motion.profile
+            view = _lidar_view(self.lidars[0], camera)
             drawn[camera.name] = iter(
-                draw_poses(camera.camera(), T_map_cams, profile, farthest_m, rng)
+                draw_poses(camera.camera(), view, T_map_cams, profile, farthest_m, rng)
             )
         for place, share in enumerate(shares):
             starts = iter(course.shows_s(place, share * len(self.cameras)))
@@ -215,3 +216,13 @@ class Capture:
         seed = int(np.random.default_rng(places).integers(2**31))
         light = RenderConfig(noise_sd=_IMAGE_NOISE_SD * config.noise, seed=seed)
         return render_image(joined(meshes), camera.pinhole(), T_map_cam.inverse(), light)
+
+
+def _lidar_view(lidar: LidarModel, camera: CameraSensor) -> LidarView:
+    T_base_cam = camera.T_base_sensor or Transform.identity(BASE, camera.frame)
+    elevations = lidar.elevations_rad
+    return LidarView(
+        T_base_cam.inverse() @ lidar.T_base_sensor,
+        float(elevations.min()),
+        float(elevations.max()),
+    )
