@@ -10,18 +10,23 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 import yaml
 
+from percept.calib import limits
 from percept.cli import detect_verdict
 from percept.cli.app import app
 from percept.cli.detect_run import DetectConfig
+from percept.core.rig import load_rig
 from percept.core.settings import Settings
 from percept.datasets.inspection import InspectConfig
+from percept.datasets.synthetic.calib_log import BOARD_COLUMNS
 from percept.datasets.synthetic.truth import LIGHT_COLUMNS, OBJECT_COLUMNS
 from percept.export.tables import DETECTIONS_3D
 from percept.lidar import Rules, load_rules
@@ -32,6 +37,7 @@ _PAGES = sorted([*_ROOT.glob("*.md"), *(_ROOT / "docs").glob("*.md")])
 _NOTEBOOKS = sorted((_ROOT / "notebooks").glob("*.ipynb"))
 _FOREIGN_OPTIONS = {"--upgrade", "--data"}  # of pip, and of the benchmarks
 _LARGEST_PICTURE = 300_000
+_PAGE_PICTURES = {"calib_check.png", "calib_report.png", "inspect.png", "report.png"}  # a browser's
 
 
 def _page(name: str) -> str:
@@ -114,18 +120,25 @@ def test_every_option_in_the_docs_exists(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for call in _invocations(text):
         known = [name for name in _OPTIONS if call.startswith(name)]
-        assert known or re.match(r"--|COMMAND|synth$", call), f"{page.name}: percept {call}"
+        assert known or re.match(r"--|COMMAND|(synth|calib)$", call), f"{page.name}: percept {call}"
         named = set(re.findall(r"--[a-z][a-z-]+", call))
-        allowed = _OPTIONS[known[0]] if known else {"--help", "--version"}
+        allowed = _OPTIONS[max(known, key=len)] if known else {"--help", "--version"}
         assert named <= allowed, f"{page.name}: percept {call}"
     code = " ".join(re.findall(r"`([^`\n]+)`", text))
     everywhere = set().union(*_OPTIONS.values()) | _FOREIGN_OPTIONS | {"--version"}
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", code)) <= everywhere, page.name
 
 
-@pytest.mark.parametrize("command", ["detect", "inspect", "synth drive"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "detect", "inspect", "synth drive", "synth calib", "calib camera", "calib lidar",
+        "calib camera-lidar", "calib check", "calib export",
+    ],
+)  # fmt: skip
 def test_a_page_names_every_option_of_its_command(command: str) -> None:
-    text = _page(f"docs/{command.split()[0]}.md")
+    name = command.replace(" ", "-") if command.startswith("calib") else command.split()[0]
+    text = _page(f"docs/{name}.md")
     missing = [o for o in _OPTIONS[command] - {"--help"} if o not in text]
     assert not missing
 
@@ -183,6 +196,7 @@ def test_the_rule_in_the_docs_is_the_one_that_ships(tmp_path: Path) -> None:
         ("docs/detect.md", DETECTIONS_3D.names),
         ("docs/synth.md", OBJECT_COLUMNS.names),
         ("docs/synth.md", LIGHT_COLUMNS.names),
+        ("docs/synth.md", BOARD_COLUMNS.names),
     ],
 )
 def test_every_column_is_described(page: str, columns: list[str]) -> None:
@@ -199,22 +213,66 @@ def test_the_limits_of_the_verdict_are_those_of_the_code() -> None:
     assert detect_verdict._LARGEST_MISSING_SHARE == 0.1
 
 
+@pytest.mark.parametrize("name", limits.__all__)
+def test_the_limits_of_calibrations_are_those_of_the_code(name: str) -> None:
+    page = _page("docs/calibration.md")
+    _, found, rest = page.partition(f"<!-- made by scripts/docs-pictures: {name} -->\n")
+    assert found
+    table = rest.partition("<!-- end -->")[0]
+    shown = re.findall(r"^\| `(\w+)` \| (\S+) \| (.+) \|$", table, re.MULTILINE)
+    assert [(key, float(value)) for key, value, _ in shown] == [
+        (key, float(value)) for key, value in asdict(getattr(limits, name)()).items()
+    ], "run scripts/docs-pictures"
+    # The reasons stand in the code too, broken into lines of their own.
+    described = " ".join((getattr(limits, name).__doc__ or "").split())
+    assert not [key for key, _, why in shown if f"{key}: {why}" not in described]
+
+
 # ---- what a reader types
 
 
-def test_the_tutorial_runs_as_it_stands(tmp_path: Path) -> None:
-    folder = Path(sys.executable).parent
-    environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
-    text = _page("docs/tutorial.md")
+def _follow(page: str, folder: Path) -> None:
+    """Do in a folder what a page shows."""
+    path = Path(sys.executable).parent
+    environment = {**os.environ, "PATH": f"{path}:{os.environ['PATH']}"}
+    text = _page(page)
     for language, block in re.findall(r"^```(bash|python)\n(.*?)^```$", text, re.M | re.S):
         shell = ["/bin/sh", "-e", "-c"] if language == "bash" else [sys.executable, "-c"]
         done = subprocess.run(
-            [*shell, block], cwd=tmp_path, env=environment, capture_output=True, text=True
+            [*shell, block], cwd=folder, env=environment, capture_output=True, text=True
         )
         assert done.returncode == 0, f"{block}\n{done.stdout}\n{done.stderr}"
         assert "Traceback" not in done.stderr
+
+
+def test_the_tutorial_runs_as_it_stands(tmp_path: Path) -> None:
+    _follow("docs/tutorial.md", tmp_path)
     barrels = {name: _barrels(tmp_path / name) for name in ("tuned", "ruled")}
     assert barrels["ruled"] > barrels["tuned"], "the rule that was edited must have an effect"
+
+
+def test_the_tutorial_of_calibration_ends_at_the_truth(tmp_path: Path) -> None:
+    _follow("docs/tutorial-calibration.md", tmp_path)
+    for run in ("lidars", "camera", "rig"):
+        assert json.loads((tmp_path / run / "run.json").read_text())["verdict"] == "good", run
+    truth = load_rig(tmp_path / "stops" / "truth" / "rig.yaml")
+    for name, sensor in load_rig(tmp_path / "rig" / "rig.yaml").sensors.items():
+        placed = truth.sensors[name].T_base_sensor
+        assert placed is not None
+        assert sensor.T_base_sensor is not None
+        error = placed.inverse() @ sensor.T_base_sensor
+        assert np.linalg.norm(error.translation_m) < 0.01, name
+        assert np.trace(error.rotation) > 1 + 2 * np.cos(np.radians(0.1)), name
+    assert (tmp_path / "tf" / "static_transforms.launch.py").is_file()
+    assert (tmp_path / "kit" / "sensor_kit_calibration.yaml").is_file()
+
+
+def test_the_readme_calibrates_with_the_commands_of_the_tutorial() -> None:
+    (shown,) = _blocks(_section(_page("README.md"), "Calibrate"), "bash")
+    told = set(_invocations(_page("docs/tutorial-calibration.md")))
+    calls = list(_invocations(f"```bash\n{shown}```\n"))
+    assert len(calls) == 6
+    assert not [call for call in calls if call.strip() not in {t.strip() for t in told}]
 
 
 def _barrels(run: Path) -> int:
@@ -255,7 +313,7 @@ def test_the_pictures_and_figures_can_be_made_anew(tmp_path: Path) -> None:
     shutil.copy(_ROOT / "README.md", tmp_path)
     pictures = sorted((tmp_path / "docs" / "pictures").iterdir())
     for picture in pictures:
-        if picture.name != "report.png":  # needs a browser
+        if picture.name not in _PAGE_PICTURES:
             picture.unlink()
     script = tmp_path / "scripts" / "docs-pictures"
     done = subprocess.run([sys.executable, script], capture_output=True, text=True)

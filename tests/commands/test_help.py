@@ -10,7 +10,18 @@ from pathlib import Path
 
 import pytest
 
-_COMMANDS = [[], ["demo"], ["inspect"], ["detect"], ["synth"], ["synth", "drive"], ["view"]]
+_COMMANDS = [
+    [],
+    ["demo"],
+    ["inspect"],
+    ["detect"],
+    ["synth"],
+    ["synth", "drive"],
+    ["synth", "calib"],
+    ["calib", "lidar"],
+    ["calib", "export"],
+    ["view"],
+]
 _ENVIRONMENT = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
 _NO_SCREEN = {k: v for k, v in _ENVIRONMENT.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
@@ -35,6 +46,26 @@ def _example(command: list[str]) -> str:
 @pytest.fixture(scope="module")
 def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("workplace")
+
+
+@pytest.fixture(scope="module")
+def stops(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder for the examples that share one log of stops and boards."""
+    return tmp_path_factory.mktemp("stops")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["camera", "camera-lidar", "check"])
+def test_the_example_of_a_calibration_runs(command: str, stops: Path) -> None:
+    example, made = _example(["calib", command]), "percept synth calib --out stops && "
+    assert example.startswith(made)
+    if (stops / "stops").is_dir():
+        example = example.removeprefix(made)
+    shell = ["/bin/sh", "-c", example]
+    done = subprocess.run(
+        shell, cwd=stops, env=_NO_SCREEN, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("command", _COMMANDS, ids=lambda c: " ".join(c) or "percept")
