@@ -8,7 +8,7 @@ demo: ## install percept and run the main job on the built-in drive
 test: ## install everything and pass all checks and tests
 	scripts/setup dev
 	scripts/check
-	.venv/bin/python -m pytest -m "not slow"
+	.venv/bin/python -m pytest -n auto -m "not slow"
 
 test-slow: ## the checks that take minutes
 	scripts/setup dev

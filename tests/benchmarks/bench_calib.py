@@ -33,10 +33,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from percept.calib import calibrate_camera, calibrate_camera_lidar, calibrate_lidars
-from percept.calib.board_detection import BoardView, detect_board
-from percept.calib.board_in_cloud import BoardInCloud, find_boards
-from percept.calib.boards import Checkerboard
-from percept.calib.camera_lidar import BoardPair
+from percept.calib.board_in_cloud.find import BoardInCloud, find_boards
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.detection import BoardView, detect_board
+from percept.calib.camera_lidar.calibrate import BoardPair
 from percept.calib.formats import read_intrinsics
 from percept.core.cameras import Camera
 from percept.datasets import read_point_cloud

@@ -210,7 +210,7 @@ def test_the_drawn_camera_is_a_camera() -> None:
 
 
 def test_the_settings_in_the_docs_are_the_defaults() -> None:
-    from percept.cli.calib_camera_run import CameraRunConfig
+    from percept.cli.calib.camera_run import CameraRunConfig
 
     page = (Path(__file__).resolve().parents[2] / "docs" / "calib-camera.md").read_text()
     block = page.partition("## Settings\n\n```yaml\n")[2].partition("```")[0]

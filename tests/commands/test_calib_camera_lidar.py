@@ -17,10 +17,10 @@ import yaml
 from numpy.typing import NDArray
 from typer.testing import Result
 
-from percept.calib.camera_lidar_problem import moved_pose, pose_step
+from percept.calib.camera_lidar.problem import moved_pose, pose_step
 from percept.calib.limits import CameraLidarLimits
 from percept.cli.app import app
-from percept.cli.calib_camera_lidar_run import CameraLidarRunConfig
+from percept.cli.calib.camera_lidar_run import CameraLidarRunConfig
 from percept.core.rig import load_rig
 
 Run = Callable[..., Result]

@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import Result
 
-from percept.calib import check_lidar
-from percept.calib.check_result import AXES, Control, Measurement
+from percept.calib.check import lidar as check_lidar
+from percept.calib.check.result import AXES, Control, Measurement
 from percept.core.results import Verdict
 from percept.core.rig import CameraSensor, LidarSensor, Rig, rig_as_yaml
 from percept.core.transform import Transform, rotation_from_rpy

@@ -15,7 +15,7 @@ import yaml
 from typer.testing import Result
 
 from percept.calib.formats import FORMATS
-from percept.cli import calib_export
+from percept.cli.calib import export as calib_export
 from percept.core.rig import load_rig
 
 Run = Callable[..., Result]

@@ -15,9 +15,9 @@ import yaml
 from numpy.typing import NDArray
 from typer.testing import Result
 
-from percept.calib import lidar_lidar
-from percept.calib.lidar_pair import LidarCalibrationConfig
-from percept.calib.lidar_pair_result import PairRegistration, Rival
+from percept.calib.lidars import calibrate as lidar_lidar
+from percept.calib.lidars.pair import LidarCalibrationConfig
+from percept.calib.lidars.pair_result import PairRegistration, Rival
 from percept.calib.limits import LidarLimits
 from percept.core.results import Verdict
 from percept.core.rig import LidarSensor, Rig, load_rig, rig_as_yaml
@@ -332,7 +332,7 @@ def test_a_log_becomes_scenes_with_the_frames_of_its_headers(
         taken.extend([scenes, reference])
         raise KeyboardInterrupt
 
-    from percept.cli import calib_lidar_run
+    from percept.cli.calib import lidar_run as calib_lidar_run
 
     monkeypatch.setattr(calib_lidar_run, "calibrate_lidars", calibrate)
     result = run("calib", "lidar", "--bag", log, "--out", tmp_path / "run")

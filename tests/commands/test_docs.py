@@ -26,7 +26,7 @@ from percept.cli.detect_run import DetectConfig
 from percept.core.rig import load_rig
 from percept.core.settings import Settings
 from percept.datasets.inspection import InspectConfig
-from percept.datasets.synthetic.calib_log import BOARD_COLUMNS
+from percept.datasets.synthetic.calibration.log import BOARD_COLUMNS
 from percept.datasets.synthetic.truth import LIGHT_COLUMNS, OBJECT_COLUMNS
 from percept.export.tables import DETECTIONS_3D
 from percept.lidar import Rules, load_rules

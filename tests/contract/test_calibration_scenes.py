@@ -13,8 +13,8 @@ import pytest
 from percept.core.errors import InputError, InsufficientDataError, TopicNotFoundError
 from percept.core.samples import CameraImage, OdometrySample, PointCloud, Sample, TransformSample
 from percept.datasets import open_recording
-from percept.datasets.calibration_scenes import SceneConfig, find_stops
-from percept.datasets.synthetic.calib_capture import CalibrationConfig, Capture
+from percept.datasets.stops.find import SceneConfig, find_stops
+from percept.datasets.synthetic.calibration.capture import CalibrationConfig, Capture
 from percept.datasets.synthetic.drive import START_NS, Drive, DriveConfig
 from percept.datasets.write import LogFormat, LogWriter
 

@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 from percept.core.cameras import Camera, make_camera
 from percept.core.errors import GeometryError
 from percept.core.transform import Transform
-from percept.export.calibration_view import write_calibration_view
+from percept.export.calibration.view import write_calibration_view
 from percept.export.palette import sensor_colour
 
 _TURN = [0.5, -0.5, 0.5, -0.5]

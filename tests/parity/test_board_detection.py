@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.board_detection import BoardView, NoBoard, detect_boards
-from percept.calib.boards import Checkerboard
-from percept.calib.view_selection import select_views
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.detection import BoardView, NoBoard, detect_boards
+from percept.calib.boards.selection import select_views
 
 
 def _detect(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.board_in_cloud import BoardInCloud, NoBoardInCloud, find_boards
+from percept.calib.board_in_cloud.find import BoardInCloud, NoBoardInCloud, find_boards
 from percept.datasets.files.cloud_files import read_point_cloud
 
 _F64 = NDArray[np.float64]

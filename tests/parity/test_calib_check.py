@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.board_detection import detect_board
-from percept.calib.board_in_cloud import BoardInCloud, find_boards
-from percept.calib.board_views import BoardView
-from percept.calib.boards import load_board
-from percept.calib.camera_lidar import BoardPair, calibrate_camera_lidar
-from percept.calib.check import CameraBoards, check_calibration
-from percept.calib.check_result import AXES
+from percept.calib.board_in_cloud.find import BoardInCloud, find_boards
+from percept.calib.boards.definitions import load_board
+from percept.calib.boards.detection import detect_board
+from percept.calib.boards.views import BoardView
+from percept.calib.camera_lidar.calibrate import BoardPair, calibrate_camera_lidar
+from percept.calib.check.check import CameraBoards, check_calibration
+from percept.calib.check.result import AXES
 from percept.calib.formats import read_intrinsics
-from percept.calib.registration import apply_step
+from percept.calib.lidars.registration import apply_step
 from percept.core.results import Verdict
 from percept.core.transform import rotation_from_rpy
 from percept.datasets import read_point_cloud

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.board_in_cloud import BoardInCloud, find_boards
-from percept.calib.board_views import BoardView
-from percept.calib.boards import Checkerboard
-from percept.calib.camera_lidar import BoardPair, calibrate_camera_lidar
-from percept.calib.camera_lidar_result import CameraLidarCalibration
+from percept.calib.board_in_cloud.find import BoardInCloud, find_boards
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.views import BoardView
+from percept.calib.camera_lidar.calibrate import BoardPair, calibrate_camera_lidar
+from percept.calib.camera_lidar.result import CameraLidarCalibration
 from percept.calib.formats import read_intrinsics
 from percept.core.cameras import Camera
 from percept.core.results import Verdict

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from percept.calib.board_detection import detect_boards
-from percept.calib.board_views import BoardView
-from percept.calib.boards import Checkerboard
-from percept.calib.camera_result import CameraCalibration
-from percept.calib.intrinsics import CameraCalibrationConfig, calibrate_camera
-from percept.calib.view_selection import select_views
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.detection import detect_boards
+from percept.calib.boards.selection import select_views
+from percept.calib.boards.views import BoardView
+from percept.calib.intrinsics.calibrate import CameraCalibrationConfig, calibrate_camera
+from percept.calib.intrinsics.result import CameraCalibration
 from percept.core.results import Verdict
 
 

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from percept.calib.lidar_pair import register_pair
-from percept.calib.lidar_pair_candidates import difference
-from percept.calib.lidar_pair_result import PairRegistration
+from percept.calib.lidars.pair import register_pair
+from percept.calib.lidars.pair_candidates import difference
+from percept.calib.lidars.pair_result import PairRegistration
 from percept.core.results import Verdict
 from percept.datasets.files.cloud_files import read_point_cloud
 

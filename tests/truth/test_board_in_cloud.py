@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.board_in_cloud import BoardInCloud, NoBoardInCloud, find_boards
+from percept.calib.board_in_cloud.find import BoardInCloud, NoBoardInCloud, find_boards
 
 _F64 = NDArray[np.float64]
 _SIZE = (0.85, 0.61)

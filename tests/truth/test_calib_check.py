@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.check import check_calibration
-from percept.calib.check_result import AXES, CalibrationCheck
-from percept.calib.registration import apply_step
+from percept.calib.check.check import check_calibration
+from percept.calib.check.result import AXES, CalibrationCheck
+from percept.calib.lidars.registration import apply_step
 from percept.core.results import Verdict
 from percept.core.transform import rotation_from_rpy
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.board_in_cloud import BoardInCloud
-from percept.calib.board_views import BoardView
-from percept.calib.boards import Checkerboard
-from percept.calib.camera_lidar import (
+from percept.calib.board_in_cloud.find import BoardInCloud
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.views import BoardView
+from percept.calib.camera_lidar.calibrate import (
     BoardPair,
     CameraLidarCalibrationConfig,
     calibrate_camera_lidar,
 )
-from percept.calib.camera_lidar_problem import moved_pose, pose_step
-from percept.calib.camera_lidar_result import CameraLidarCalibration
+from percept.calib.camera_lidar.problem import moved_pose, pose_step
+from percept.calib.camera_lidar.result import CameraLidarCalibration
 from percept.core.cameras import Camera, make_camera
 from percept.core.errors import UsageError
 from percept.core.results import Verdict

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.boards import Checkerboard
+from percept.calib.boards.definitions import Checkerboard
 from percept.core.cameras import PinholeCamera
 from percept.core.errors import GeometryError
 from percept.core.transform import Transform, rotation_from_rpy

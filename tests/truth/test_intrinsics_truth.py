@@ -11,15 +11,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from percept.calib.board_views import BoardView
-from percept.calib.boards import Checkerboard
-from percept.calib.camera_result import CameraCalibration
-from percept.calib.intrinsics import CameraCalibrationConfig, calibrate_camera
-from percept.calib.intrinsics_lens import free_parameters
-from percept.calib.intrinsics_solver import solve
-from percept.calib.intrinsics_start import start_estimate
-from percept.calib.intrinsics_validation import fit_of, validate
-from percept.calib.intrinsics_views import usable_views
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.views import BoardView
+from percept.calib.intrinsics.calibrate import CameraCalibrationConfig, calibrate_camera
+from percept.calib.intrinsics.lens import free_parameters
+from percept.calib.intrinsics.result import CameraCalibration
+from percept.calib.intrinsics.solver import solve
+from percept.calib.intrinsics.start import start_estimate
+from percept.calib.intrinsics.validation import fit_of, validate
+from percept.calib.intrinsics.views import usable_views
 from percept.core.cameras import Camera, make_camera
 from percept.core.results import Verdict
 

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from percept.calib.lidar_pair import register_pair
-from percept.calib.lidar_pair_candidates import difference
-from percept.calib.lidar_pair_result import PairRegistration
-from percept.calib.lidar_pair_spread import solve_spread
-from percept.calib.registration import Stage, apply_step, refine, surface
+from percept.calib.lidars.pair import register_pair
+from percept.calib.lidars.pair_candidates import difference
+from percept.calib.lidars.pair_result import PairRegistration
+from percept.calib.lidars.pair_spread import solve_spread
+from percept.calib.lidars.registration import Stage, apply_step, refine, surface
 from percept.core.results import Verdict
 
 _F64 = NDArray[np.float64]

@@ -12,14 +12,14 @@ from hostile.case import pose
 from hostile.lidar_worlds import TOP, rays, scan, street
 from numpy.typing import NDArray
 
-from percept.calib.lidar_evidence import RigEvidence
-from percept.calib.lidar_judgement import conclude
-from percept.calib.lidar_lidar import calibrate_lidars
-from percept.calib.lidar_pair import LidarCalibrationConfig, register_views, view_of
-from percept.calib.lidar_result import LidarCalibration
-from percept.calib.lidar_scenes import prepare_scenes
+from percept.calib.lidars.calibrate import calibrate_lidars
+from percept.calib.lidars.evidence import RigEvidence
+from percept.calib.lidars.judgement import conclude
+from percept.calib.lidars.pair import LidarCalibrationConfig, register_views, view_of
+from percept.calib.lidars.result import LidarCalibration
+from percept.calib.lidars.rig_graph import relative_motion
+from percept.calib.lidars.scenes import prepare_scenes
 from percept.calib.limits import LidarLimits
-from percept.calib.rig_graph import relative_motion
 from percept.core.results import Verdict
 from percept.core.transform import Transform, rotation_from_rpy
 from percept.datasets.synthetic.drive import Drive, DriveConfig

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from percept.calib.lidar_lidar import calibrate_lidars
-from percept.calib.rig_graph import relative_motion
+from percept.calib.lidars.calibrate import calibrate_lidars
+from percept.calib.lidars.rig_graph import relative_motion
 from percept.core.transform import rotation_from_rpy
 from percept.datasets import read_point_cloud
 

@@ -17,15 +17,15 @@ from percept.core.rig import load_rig
 from percept.core.samples import CameraImage, CameraInfo, PointCloud, TransformSample
 from percept.core.transform import Transform
 from percept.datasets import open_recording
-from percept.datasets.synthetic.calib_board import (
+from percept.datasets.synthetic.calibration.board import (
     BOARD,
     BOARD_ID,
     PLATE_SIZE_M,
     plate_corners_board,
 )
-from percept.datasets.synthetic.calib_capture import CalibrationConfig, Capture
-from percept.datasets.synthetic.calib_course import BoardHold
-from percept.datasets.synthetic.calib_log import BOARD_COLUMNS, generate_calibration
+from percept.datasets.synthetic.calibration.capture import CalibrationConfig, Capture
+from percept.datasets.synthetic.calibration.course import BoardHold
+from percept.datasets.synthetic.calibration.log import BOARD_COLUMNS, generate_calibration
 from percept.datasets.synthetic.drive import START_NS
 
 SMALL = CalibrationConfig(seed=4, stops=2, poses=6)

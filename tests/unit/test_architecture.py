@@ -33,7 +33,7 @@ _ARROWS = {
 
 # Heavy third-party packages and the only files that may import them.
 _HEAVY = {
-    "rerun": {"percept.export.view", "percept.export.calibration_view"},
+    "rerun": {"percept.export.view", "percept.export.calibration.view"},
     "rosbags": {"percept.datasets", "percept.export.overlay_messages"},
     "mcap": {"percept.datasets", "percept.export.overlay"},
     "open3d": set(),

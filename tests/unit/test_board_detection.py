@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib import board_detection_checkerboard
-from percept.calib.board_detection import BoardView, NoBoard, detect_board, detect_boards
-from percept.calib.boards import AprilGrid, Board, CharucoBoard, Checkerboard
-from percept.calib.view_selection import select_views
+from percept.calib.boards import checkerboard_corners as board_detection_checkerboard
+from percept.calib.boards.definitions import AprilGrid, Board, CharucoBoard, Checkerboard
+from percept.calib.boards.detection import BoardView, NoBoard, detect_board, detect_boards
+from percept.calib.boards.selection import select_views
 from percept.core.cameras import PinholeCamera
 from percept.core.errors import InputError
 from percept.core.transform import Transform, rotation_from_rpy

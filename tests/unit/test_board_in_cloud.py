@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.board_in_cloud import (
+from percept.calib.board_in_cloud.find import (
     BoardInCloud,
     BoardInCloudConfig,
     NoBoardInCloud,
     find_boards,
 )
-from percept.calib.board_in_cloud_size import Rectangle, common_size
-from percept.calib.board_in_cloud_static import moving_points
-from percept.calib.rectangle import fit_rectangle, measure_sides
+from percept.calib.board_in_cloud.rectangle import fit_rectangle, measure_sides
+from percept.calib.board_in_cloud.size import Rectangle, common_size
+from percept.calib.board_in_cloud.static import moving_points
 from percept.core.errors import ConfigError, GeometryError
 
 _F64 = NDArray[np.float64]

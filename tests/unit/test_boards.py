@@ -8,7 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from percept.calib.boards import AprilGrid, Board, CharucoBoard, Checkerboard, load_board
+from percept.calib.boards.definitions import (
+    AprilGrid,
+    Board,
+    CharucoBoard,
+    Checkerboard,
+    load_board,
+)
 from percept.core.errors import ConfigError, UsageError
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.check import check_calibration
-from percept.calib.check_axes import (
+from percept.calib.check.axes import (
     base_motion,
     base_sd,
     check_pair,
@@ -18,11 +17,12 @@ from percept.calib.check_axes import (
     reversed_measurement,
     tolerances,
 )
-from percept.calib.check_movers import find_movers
-from percept.calib.check_result import AXES, CalibrationCheck, Control, Measurement, PairCheck
-from percept.calib.check_verdict import conclude
+from percept.calib.check.check import check_calibration
+from percept.calib.check.movers import find_movers
+from percept.calib.check.result import AXES, CalibrationCheck, Control, Measurement, PairCheck
+from percept.calib.check.verdict import conclude
+from percept.calib.lidars.registration import apply_step
 from percept.calib.limits import CheckLimits
-from percept.calib.registration import apply_step
 from percept.core.errors import InsufficientDataError, UsageError
 from percept.core.results import Verdict
 from percept.core.transform import rotation_from_rpy

@@ -9,7 +9,7 @@ import pytest
 
 from percept.core.cameras import make_camera
 from percept.core.errors import GeometryError
-from percept.export.calibration_pictures import (
+from percept.export.calibration.pictures import (
     board_overlay,
     cloud_in_image,
     clouds_from_above,
@@ -195,7 +195,7 @@ def test_coverage_is_bright_where_boards_were_and_hatched_elsewhere() -> None:
 
 @pytest.mark.parametrize("most", [1, 2, 6, 7, 40])
 def test_the_scale_of_the_coverage_has_whole_numbers(most: int) -> None:
-    from percept.export.corner_pictures import _whole_limit
+    from percept.export.calibration.corner_pictures import _whole_limit
 
     last, parts = _whole_limit(most)
     assert last >= most

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from percept.core.samples import PointCloud
 from percept.core.trajectory import Trajectory
 from percept.core.transform import Transform, rotation_from_rpy
-from percept.datasets.calibration_motion import at_one_instant, keyframe_stamps, stands_still
-from percept.datasets.calibration_stillness import Frame, FrameMaker, StillSpan, still_spans
-from percept.datasets.synthetic.calib_capture import CalibrationConfig, Capture
-from percept.datasets.synthetic.calib_course import CalibrationStreet
+from percept.datasets.stops.motion import at_one_instant, keyframe_stamps, stands_still
+from percept.datasets.stops.stillness import Frame, FrameMaker, StillSpan, still_spans
+from percept.datasets.synthetic.calibration.capture import CalibrationConfig, Capture
+from percept.datasets.synthetic.calibration.course import CalibrationStreet
 from percept.datasets.synthetic.creatures import make_pedestrian
 from percept.datasets.synthetic.drive import START_NS, Drive, DriveConfig
 from percept.datasets.synthetic.ego import Motion

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.camera_lidar_degeneracy import BoardSpread, board_spread, shortcomings
-from percept.calib.camera_lidar_pairs import check_plate
-from percept.calib.camera_lidar_problem import (
+from percept.calib.camera_lidar.degeneracy import BoardSpread, board_spread, shortcomings
+from percept.calib.camera_lidar.pairs import check_plate
+from percept.calib.camera_lidar.problem import (
     COMMON,
     Common,
     PairData,
@@ -21,11 +21,11 @@ from percept.calib.camera_lidar_problem import (
     pose_step,
     residuals_of,
 )
-from percept.calib.camera_lidar_refine import Priors, refine
-from percept.calib.camera_lidar_result import CameraLidarCalibration, Estimate
-from percept.calib.camera_lidar_seed import fit_rigid, rotation_angle_deg
-from percept.calib.camera_lidar_spread import Split
-from percept.calib.camera_lidar_verdict import Facts, judge
+from percept.calib.camera_lidar.refine import Priors, refine
+from percept.calib.camera_lidar.result import CameraLidarCalibration, Estimate
+from percept.calib.camera_lidar.seed import fit_rigid, rotation_angle_deg
+from percept.calib.camera_lidar.spread import Split
+from percept.calib.camera_lidar.verdict import Facts, judge
 from percept.calib.limits import CameraLidarLimits
 from percept.core.errors import UsageError
 from percept.core.results import Verdict

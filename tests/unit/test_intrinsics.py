@@ -10,24 +10,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.board_views import BoardView, NoBoard
-from percept.calib.boards import Checkerboard
-from percept.calib.camera_result import BoardShape
-from percept.calib.camera_verdict import judge
-from percept.calib.coverage import measure_coverage
-from percept.calib.intrinsics import CameraCalibrationConfig, calibrate_camera
-from percept.calib.intrinsics_lens import free_parameters, lens_pixels
-from percept.calib.intrinsics_solver import solve
-from percept.calib.intrinsics_start import start_estimate
-from percept.calib.intrinsics_validation import fit_of, validate
-from percept.calib.intrinsics_views import usable_views
-from percept.calib.projection_uncertainty import (
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.views import BoardView, NoBoard
+from percept.calib.intrinsics.calibrate import CameraCalibrationConfig, calibrate_camera
+from percept.calib.intrinsics.coverage import measure_coverage
+from percept.calib.intrinsics.lens import free_parameters, lens_pixels
+from percept.calib.intrinsics.projection_uncertainty import (
     pixel_grid,
     projection_change,
     projection_difference,
     projection_sd,
 )
-from percept.calib.undistort import undistort_image, undistort_maps
+from percept.calib.intrinsics.result import BoardShape
+from percept.calib.intrinsics.solver import solve
+from percept.calib.intrinsics.start import start_estimate
+from percept.calib.intrinsics.undistort import undistort_image, undistort_maps
+from percept.calib.intrinsics.validation import fit_of, validate
+from percept.calib.intrinsics.verdict import judge
+from percept.calib.intrinsics.views import usable_views
 from percept.core.cameras import Camera, make_camera
 from percept.core.errors import GeometryError
 from percept.core.results import Verdict

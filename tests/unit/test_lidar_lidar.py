@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib import lidar_lidar
-from percept.calib.lidar_lidar import calibrate_lidars
-from percept.calib.lidar_pair_result import PairRegistration, Rival
-from percept.calib.lidar_result import LidarCalibration, worst_verdict
-from percept.calib.lidar_scenes import prepare_scenes
+from percept.calib.lidars import calibrate as lidar_lidar
+from percept.calib.lidars.calibrate import calibrate_lidars
+from percept.calib.lidars.pair_result import PairRegistration, Rival
+from percept.calib.lidars.result import LidarCalibration, worst_verdict
+from percept.calib.lidars.scenes import prepare_scenes
 from percept.calib.limits import LidarLimits
 from percept.core.errors import GeometryError, InputError, UsageError
 from percept.core.results import Verdict

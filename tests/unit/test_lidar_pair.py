@@ -7,12 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from percept.calib.free_space import agreement, what_is_seen
-from percept.calib.levelling import find_planes
-from percept.calib.lidar_pair import LidarCalibrationConfig, register_pair
-from percept.calib.lidar_pair_spread import weak_directions
+from percept.calib.lidars.free_space import agreement, what_is_seen
+from percept.calib.lidars.levelling import find_planes
+from percept.calib.lidars.pair import LidarCalibrationConfig, register_pair
+from percept.calib.lidars.pair_spread import weak_directions
+from percept.calib.lidars.registration import Stage, apply_step, linearise, refine, surface, thin
 from percept.calib.limits import LidarLimits
-from percept.calib.registration import Stage, apply_step, linearise, refine, surface, thin
 from percept.core.errors import ConfigError, GeometryError
 from percept.core.results import Verdict
 from percept.core.settings import parse_settings

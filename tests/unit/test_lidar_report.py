@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.lidar_result import LidarCalibration, LidarExtrinsic
+from percept.calib.lidars.result import LidarCalibration, LidarExtrinsic
 from percept.core.results import Verdict
-from percept.export.lidar_calibration_report import (
+from percept.export.calibration.lidar_report import (
     clouds_in_reference,
     lidar_calibration_report,
     point_sd_m,
 )
-from percept.export.shared_view import busiest_places
+from percept.export.calibration.shared_view import busiest_places
 
 Points = NDArray[np.float64]
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from percept.calib.limits import LidarLimits
-from percept.calib.rig_graph import (
+from percept.calib.lidars.rig_graph import (
     PairEdge,
     adjust_poses,
     closing_loops,
@@ -20,6 +19,7 @@ from percept.calib.rig_graph import (
     place_along,
     relative_motion,
 )
+from percept.calib.limits import LidarLimits
 
 Matrix = NDArray[np.float64]
 

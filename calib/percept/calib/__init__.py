@@ -10,16 +10,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from percept.calib.camera_lidar import calibrate_camera_lidar
-    from percept.calib.intrinsics import calibrate_camera
-    from percept.calib.lidar_lidar import calibrate_lidars
+    from percept.calib.camera_lidar.calibrate import calibrate_camera_lidar
+    from percept.calib.intrinsics.calibrate import calibrate_camera
+    from percept.calib.lidars.calibrate import calibrate_lidars
 
 __all__ = ["calibrate_camera", "calibrate_camera_lidar", "calibrate_lidars"]
 
 _HOMES = {
-    "calibrate_camera": "intrinsics",
-    "calibrate_camera_lidar": "camera_lidar",
-    "calibrate_lidars": "lidar_lidar",
+    "calibrate_camera": "intrinsics.calibrate",
+    "calibrate_camera_lidar": "camera_lidar.calibrate",
+    "calibrate_lidars": "lidars.calibrate",
 }
 
 

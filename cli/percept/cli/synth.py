@@ -113,7 +113,7 @@ def calib(
     """
     from percept.cli.synth_run import make_calibration
     from percept.core.settings import parse_settings
-    from percept.datasets.synthetic.calib_capture import CalibrationConfig
+    from percept.datasets.synthetic.calibration.capture import CalibrationConfig
 
     flags = {"seed": seed, "stops": stops, "poses": poses, "noise": noise}
     config = parse_settings(

@@ -10,8 +10,8 @@ from percept.cli.progress import progress_bar
 from percept.cli.run_folder import RunFolder
 from percept.core.results import Verdict
 from percept.core.settings import Settings
-from percept.datasets.synthetic.calib_capture import CalibrationConfig
-from percept.datasets.synthetic.calib_log import generate_calibration
+from percept.datasets.synthetic.calibration.capture import CalibrationConfig
+from percept.datasets.synthetic.calibration.log import generate_calibration
 from percept.datasets.synthetic.drive import DriveConfig, DriveSummary, generate_drive
 from percept.datasets.write import LogFormat
 

@@ -11,9 +11,9 @@ from hostile.camera_views import BOARD, CAMERA, SIZE, calibrated, drawn, from_im
 from hostile.case import NEVER_GOOD, RIGHT_OR_NOT_GOOD, UNUSABLE, Case, Outcome
 from numpy.typing import NDArray
 
-from percept.calib.board_views import BoardView
-from percept.calib.boards import Checkerboard
-from percept.calib.intrinsics import CameraCalibrationConfig
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.views import BoardView
+from percept.calib.intrinsics.calibrate import CameraCalibrationConfig
 from percept.core.cameras import make_camera
 
 __all__ = ["CAMERA_CASES"]

@@ -9,8 +9,8 @@ import numpy as np
 from hostile.case import ERROR, NEVER_GOOD, RIGHT_OR_NOT_GOOD, UNUSABLE, Case, Outcome
 from hostile.plates import PLATE_M, Setting, calibrated, intrinsics, pairs, with_clouds_of
 
-from percept.calib.boards import Checkerboard
-from percept.calib.camera_lidar import BoardPair
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.camera_lidar.calibrate import BoardPair
 
 __all__ = ["CAMERA_LIDAR_CASES"]
 

@@ -10,13 +10,13 @@ from hostile.case import Miss, Outcome
 from numpy.typing import NDArray
 
 from percept.calib import calibrate_camera
-from percept.calib.board_detection import detect_boards
-from percept.calib.board_views import BoardView
-from percept.calib.boards import Checkerboard
-from percept.calib.camera_result import CameraCalibration
-from percept.calib.intrinsics import CameraCalibrationConfig
-from percept.calib.projection_uncertainty import pixel_grid, projection_difference
-from percept.calib.view_selection import select_views
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.detection import detect_boards
+from percept.calib.boards.selection import select_views
+from percept.calib.boards.views import BoardView
+from percept.calib.intrinsics.calibrate import CameraCalibrationConfig
+from percept.calib.intrinsics.projection_uncertainty import pixel_grid, projection_difference
+from percept.calib.intrinsics.result import CameraCalibration
 from percept.core.cameras import Camera, make_camera
 
 __all__ = ["BOARD", "CAMERA", "SIZE", "calibrated", "drawn", "from_images", "lens", "views"]

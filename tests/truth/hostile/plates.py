@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from percept.calib import calibrate_camera_lidar
-from percept.calib.board_in_cloud import BoardInCloud, find_boards
-from percept.calib.board_views import BoardView
-from percept.calib.boards import Checkerboard
-from percept.calib.camera_lidar import BoardPair
+from percept.calib.board_in_cloud.find import BoardInCloud, find_boards
+from percept.calib.boards.definitions import Checkerboard
+from percept.calib.boards.views import BoardView
+from percept.calib.camera_lidar.calibrate import BoardPair
 from percept.core.cameras import Camera, make_camera
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.calib.boards import Checkerboard
+from percept.calib.boards.definitions import Checkerboard
 from percept.core.errors import GeometryError
 from percept.core.transform import Transform
 from percept.datasets.synthetic.mesh import Mesh

@@ -1,0 +1,1 @@
+"""A camera placed on a LiDAR by a board that both see."""

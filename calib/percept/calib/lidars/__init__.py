@@ -1,0 +1,1 @@
+"""LiDARs placed on one of them: pairs, hypotheses, votes, the rig graph."""

@@ -1,0 +1,1 @@
+"""A capture for calibration in the synthetic street, with exact truth."""
