@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 from collections.abc import Callable
@@ -18,7 +17,6 @@ from numpy.typing import NDArray
 from typer.testing import Result
 
 from percept.calib.camera_lidar.problem import moved_pose, pose_step
-from percept.calib.limits import CameraLidarLimits
 from percept.cli.app import app
 from percept.cli.calib.camera_lidar_run import CameraLidarRunConfig
 from percept.core.rig import load_rig
@@ -246,9 +244,3 @@ def test_the_settings_of_the_page_are_the_defaults() -> None:
     values = yaml.safe_load(blocks[0])
     assert CameraLidarRunConfig.model_validate(values) == CameraLidarRunConfig()
     assert values["calibration"].keys() == CameraLidarRunConfig().calibration.model_dump().keys()
-
-
-def test_the_limits_of_the_page_are_those_of_the_code() -> None:
-    rows = dict(re.findall(r"^\| `(\w+)` \| ([\d.]+) \|", _page(), re.MULTILINE))
-    limits = dataclasses.asdict(CameraLidarLimits())
-    assert {name: float(value) for name, value in rows.items()} == limits
