@@ -190,8 +190,8 @@ def _pattern(facts: Facts, limits: CameraLidarLimits) -> Iterator[_Finding]:
         elif abs(off.value) > max(limits.pattern_good_m, limits.scale_z * off.sd):
             yield _Finding(
                 Verdict.DOUBTFUL,
-                f"the pattern seems to lie {1000 * abs(off.value):.0f} mm off the plate's middle, along "
-                f"its {way}, or beams of the LiDAR point elsewhere than said",
+                f"the pattern seems to lie {1000 * abs(off.value):.0f} mm off the plate's middle, "
+                f"along its {way}, or beams of the LiDAR point elsewhere than said",
                 "Measure the margins of the pattern on the plate, and centre it",
             )
 
