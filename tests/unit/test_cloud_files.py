@@ -277,7 +277,10 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     path.write_text("hello")
     with pytest.raises(RecordingError, match=r"\.pcd"):
         read_point_cloud(path)
-    with pytest.raises(RecordingError, match="no point cloud"):
+
+
+def test_a_missing_file_is_not_called_one_of_another_kind(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="does not exist"):
         read_point_cloud(tmp_path / "missing.pcd")
 
 

@@ -37,6 +37,8 @@ def read_point_cloud(path: Path, notes: Counter[str] | None = None) -> PointClou
         RecordingError: If the file is missing or of another kind.
         DecodeError: If it cannot be decoded.
     """
+    if not path.exists():
+        raise RecordingError("does not exist", where=path, remedy="Check the path")
     if path.suffix.lower() not in CLOUD_SUFFIXES or not path.is_file():
         raise RecordingError(
             "no point cloud file",
