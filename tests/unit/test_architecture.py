@@ -28,7 +28,7 @@ _ARROWS = {
     "evaluation": {"core"},
     "calib": {"core", "lidar"},
     "datasets": {"core", "calib"},
-    "export": {"core", "lidar", "detection", "calib"},
+    "export": {"core", "lidar", "detection", "evaluation", "calib"},
     "cli": {"core", "lidar", "detection", "evaluation", "calib", "datasets", "export"},
 }
 
@@ -39,8 +39,8 @@ _HEAVY = {
     "mcap": {"percept.datasets", "percept.export.overlay"},
     "open3d": set(),
     "onnxruntime": {"percept.detection.network", "percept.detection.quantize"},
-    "onnx": {"percept.detection.network", "percept.detection.quantize"},
-    "pycocotools": {"percept.evaluation.boxes_2d"},
+    "onnx": {"percept.detection.model_file", "percept.detection.quantize"},
+    "pycocotools": {"percept.evaluation.boxes_2d.coco"},
     "torch": set(),
     "numba": {"percept.lidar", "percept.detection", "percept.calib", "percept.datasets"},
     "numpy": {
@@ -89,7 +89,8 @@ def test_help_loads_nothing_heavy() -> None:
         "from percept.cli.app import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "heavy = {'numpy', 'cv2', 'numba', 'rosbags', 'mcap', 'rerun', 'pyarrow', 'pydantic'}\n"
+        "heavy = {'numpy', 'cv2', 'numba', 'rosbags', 'mcap', 'rerun', 'pyarrow', 'pydantic',\n"
+        "         'onnx', 'onnxruntime', 'pycocotools', 'torch'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
