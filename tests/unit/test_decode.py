@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -350,14 +351,15 @@ def test_real_luminar_clouds(shared_data: Any) -> None:
         }
         decoder = Decoder(connections.values())
         clouds = []
+        notes: Counter[str] = Counter()
         for connection, log_time_ns, data in reader.messages():
             raw = RawMessage(connections[connection.id], log_time_ns, data)
             stamp_ns = decoder.header_stamp_ns(raw)
-            for sample in decoder.decode(raw):
+            for sample in decoder.decode(raw, notes):
                 assert sample.stamp_ns == stamp_ns
                 clouds += [sample] if isinstance(sample, PointCloud) else []
     assert len(clouds) == 5
-    assert not decoder.notes
+    assert not notes
     for cloud in clouds:
         assert len(cloud) > 35_000
         assert cloud.offset_ns is not None

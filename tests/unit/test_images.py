@@ -227,3 +227,35 @@ def test_video_and_unknown_bytes_are_refused() -> None:
         pixels_of_compressed(np.zeros(100, np.uint8), "h264", "/camera")
     with pytest.raises(DecodeError, match="neither"):
         pixels_of_compressed(np.zeros(100, np.uint8), "jpeg", "/camera")
+
+
+def _street() -> NDArray[Any]:
+    rng = np.random.default_rng(3)
+    return cv2.resize(rng.integers(0, 255, (24, 41, 3), dtype=np.uint8), (327, 189))
+
+
+@pytest.mark.parametrize("sampling", [0x411111, 0x420000, 0x221111, 0x211111, 0x111111])
+@pytest.mark.parametrize("quality", [40, 92])
+def test_jpeg_pixels_are_those_of_opencv(sampling: int, quality: int) -> None:
+    for picture in (_street(), cv2.cvtColor(_street(), cv2.COLOR_BGR2GRAY)):
+        flags = [cv2.IMWRITE_JPEG_QUALITY, quality]
+        if picture.ndim == 3 and sampling != 0x420000:
+            flags += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling]
+        data = cv2.imencode(".jpg", picture, flags)[1]
+        pixels, _ = pixels_of_compressed(data, "jpeg", "/camera")
+        np.testing.assert_array_equal(pixels, cv2.imdecode(data, cv2.IMREAD_UNCHANGED))
+
+
+def test_a_jpeg_with_a_broken_stream_is_no_picture() -> None:
+    whole = cv2.imencode(".jpg", _street())[1]
+    middle = len(whole) // 2
+    broken = np.concatenate([whole[:middle], np.full(400, 0x5A, np.uint8), whole[middle:]])
+    with pytest.raises(DecodeError, match="damaged"):
+        pixels_of_compressed(broken, "jpeg", "/camera")
+
+
+def test_a_few_bytes_too_many_change_nothing() -> None:
+    whole = cv2.imencode(".jpg", _street())[1]
+    longer = np.concatenate([whole[:-2], np.array([1, 2, 3], np.uint8), whole[-2:]])
+    pixels, _ = pixels_of_compressed(longer, "jpeg", "/camera")
+    np.testing.assert_array_equal(pixels, cv2.imdecode(whole, cv2.IMREAD_COLOR))

@@ -32,7 +32,7 @@ from percept.datasets.inspection.clock import ClockWatch
 from percept.datasets.inspection.intervals import IntervalHistogram
 from percept.datasets.inspection.sensors import implausible_intrinsics, info_topic_of
 from percept.datasets.inspection.topics import TopicReport
-from percept.datasets.recording import Envelope, TopicInfo
+from percept.datasets.recording import Envelope, TopicInfo, UndecodedMessage
 
 _S = 1_000_000_000
 _EPOCH = 1_700_000_000 * _S
@@ -89,6 +89,15 @@ class _FakeRecording:
                 self.losses["broken payload"] += 1
             else:
                 yield sample
+
+    def undecoded(
+        self,
+        *,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[UndecodedMessage]:
+        raise NotImplementedError
 
     def envelopes(self, *, topics: Collection[str] | None = None) -> Iterator[Envelope]:
         for message in self._messages:

@@ -15,9 +15,15 @@ from percept.core.errors import DecodeError, TopicNotFoundError
 from percept.core.samples import OtherSample, Sample, TransformSample
 from percept.datasets.decoding.decode import Decoder
 from percept.datasets.formats.chunks import merge_in_time
-from percept.datasets.losses import PassLosses
+from percept.datasets.losses import DecodingLosses, PassLosses
 from percept.datasets.messages import Connection, MessageSource, RawMessage
-from percept.datasets.recording import Envelope, TopicInfo, wanted_topics
+from percept.datasets.recording import (
+    Envelope,
+    TopicInfo,
+    UndecodedMessage,
+    samples_of,
+    wanted_topics,
+)
 
 __all__ = ["BagRecording"]
 
@@ -53,8 +59,7 @@ class BagRecording:
         every = dict.fromkeys(c for source in sources for c in source.connections)
         self.connections: tuple[Connection, ...] = tuple(every)
         self._decoder = Decoder(every)
-        self._undecoded: Counter[str] = Counter()
-        self._first_failures: dict[str, str] = {}
+        self._decoding_losses = DecodingLosses(self.losses)
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """Return all topics, sorted by name."""
@@ -92,11 +97,51 @@ class BagRecording:
     def _samples(
         self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[Sample]:
-        losses = PassLosses(self.losses, self._undecoded)
+        losses = self._decoding_losses.new_pass()
         if start_ns is not None:
             yield from self._latched(topics, start_ns, losses)
+        yield from samples_of(self._undecoded(topics, start_ns, end_ns, losses))
+
+    def undecoded(
+        self,
+        *,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[UndecodedMessage]:
+        """Yield messages in log-time order, to be decoded on any thread; see `Recording`."""
+        topics = wanted_topics(topics)
+        self._require(topics)
+        return self._undecoded(topics, start_ns, end_ns, self._decoding_losses.new_pass())
+
+    def _undecoded(
+        self,
+        topics: Collection[str] | None,
+        start_ns: int | None,
+        end_ns: int | None,
+        losses: PassLosses,
+    ) -> Iterator[UndecodedMessage]:
+        prepared: set[Connection] = set()
         for raw in self.messages(topics, start_ns, end_ns):
-            yield from self._decoded(raw, losses)
+            if raw.connection not in prepared:
+                self._decoder.prepare(raw.connection)
+                prepared.add(raw.connection)
+            yield UndecodedMessage(
+                raw.connection.topic,
+                self._decoder.header_stamp_ns(raw),
+                raw.log_time_ns,
+                partial(self._decode, raw, losses, losses.next_place()),
+            )
+
+    def _decode(self, raw: RawMessage, losses: PassLosses, place: int) -> tuple[Sample, ...]:
+        notes: Counter[str] = Counter()
+        try:
+            return tuple(self._decoder.decode(raw, notes))
+        except DecodeError as error:
+            losses.add_failure(f"messages on {raw.connection.topic}", place, _one_line(error.what))
+            raise
+        finally:
+            losses.add_notes(notes)
 
     def _latched(
         self, topics: Collection[str] | None, start_ns: int, losses: PassLosses
@@ -104,12 +149,12 @@ class BagRecording:
         static = [c.topic for c in self.connections if self._is_static(c)]
         wanted = [topic for topic in static if topics is None or topic in topics]
         latest: dict[tuple[str, str, str], Sample] = {}
-        for raw in self.messages(wanted, None, start_ns - 1) if wanted else ():
-            for sample in self._decoded(raw, losses):
-                if isinstance(sample, TransformSample):
-                    key = (sample.topic, sample.frame, sample.T_frame_child.source)
-                    latest.pop(key, None)
-                    latest[key] = sample
+        messages = self._undecoded(wanted, None, start_ns - 1, losses) if wanted else ()
+        for sample in samples_of(messages):
+            if isinstance(sample, TransformSample):
+                key = (sample.topic, sample.frame, sample.T_frame_child.source)
+                latest.pop(key, None)
+                latest[key] = sample
         yield from latest.values()
 
     def _is_static(self, connection: Connection) -> bool:
@@ -117,16 +162,6 @@ class BagRecording:
             connection.topic.rpartition("/")[2] == "tf_static"
             and self._decoder.sample_type(connection) is TransformSample
         )
-
-    def _decoded(self, raw: RawMessage, losses: PassLosses) -> Sequence[Sample]:
-        self._decoder.notes = losses
-        try:
-            return self._decoder.decode(raw)
-        except DecodeError as error:
-            topic = raw.connection.topic
-            first = self._first_failures.setdefault(topic, _one_line(error.what))
-            losses[f"messages on {topic} that cannot be decoded ({first})"] += 1
-            return ()
 
     def messages(
         self,

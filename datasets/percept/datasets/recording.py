@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
+from percept.core.errors import DecodeError
 from percept.core.samples import Sample
 
-__all__ = ["Envelope", "Recording", "TopicInfo", "wanted_topics"]
+__all__ = [
+    "Envelope",
+    "Recording",
+    "TopicInfo",
+    "UndecodedMessage",
+    "samples_of",
+    "wanted_topics",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +56,35 @@ class Envelope:
     stamp_ns: int | None
     log_time_ns: int
     size_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class UndecodedMessage:
+    """One message of a recording that is decoded when, and on which thread, the caller likes.
+
+    Attributes:
+        topic: Name of its topic.
+        stamp_ns: Header stamp, or None where its first bytes hold none.
+        log_time_ns: Time of recording.
+        decode: Returns its samples: one, or one for each transform of a tf message. Call it
+            once: what cannot be decoded is counted in the recording's `losses` and raised as
+            `DecodeError`.
+    """
+
+    topic: str
+    stamp_ns: int | None
+    log_time_ns: int
+    decode: Callable[[], tuple[Sample, ...]]
+
+
+def samples_of(messages: Iterable[UndecodedMessage]) -> Iterator[Sample]:
+    """Yield the samples of messages; those that cannot be decoded are only counted."""
+    for message in messages:
+        try:
+            samples = message.decode()
+        except DecodeError:
+            continue
+        yield from samples
 
 
 def wanted_topics(topics: Collection[str] | None) -> Collection[str] | None:
@@ -89,6 +126,28 @@ class Recording(Protocol):
         """Yield samples in log-time order with bounded memory.
 
         A message that cannot be decoded is counted in `losses` and skipped.
+
+        Args:
+            topics: Only these topics, or this one; all where it is None.
+            start_ns: Smallest log time, inclusive.
+            end_ns: Largest log time, inclusive.
+
+        Raises:
+            TopicNotFoundError: If a topic is not in the recording; names the candidates.
+        """
+        ...
+
+    def undecoded(
+        self,
+        *,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[UndecodedMessage]:
+        """Yield messages in log-time order, so that other threads may decode them.
+
+        Decoding all of them gives the samples and the losses of `samples`, but for static
+        transforms from before `start_ns`, which only `samples` brings.
 
         Args:
             topics: Only these topics, or this one; all where it is None.

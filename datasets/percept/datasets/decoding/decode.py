@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from collections import Counter
 from collections.abc import Iterable
@@ -13,7 +14,7 @@ from rosbags.serde import SerdeError
 from percept.core.clock import NS_PER_S
 from percept.core.errors import DecodeError, GeometryError
 from percept.core.samples import OtherSample, Sample
-from percept.datasets.decoding.message_samples import CONVERTERS, SampleHead, head_of
+from percept.datasets.decoding.message_samples import CONVERTERS, head_of
 from percept.datasets.decoding.typestores import DefinitionCatalog, matches_standard
 from percept.datasets.messages import Connection, RawMessage, RosMessage
 
@@ -34,23 +35,16 @@ class Decoder:
 
     Args:
         connections: The topics of the log.
-        notes: Counter for what had to be left out of a sample, by reason, such as per-point
-            times that make no sense; a new one where it is None.
 
     Attributes:
         undecodable: Why a topic's messages, or those of one of its publishers, cannot be decoded
             at all, by topic.
-        notes: The counter from above.
     """
 
     undecodable: dict[str, str]
-    notes: Counter[str]
 
-    def __init__(
-        self, connections: Iterable[Connection], notes: Counter[str] | None = None
-    ) -> None:
+    def __init__(self, connections: Iterable[Connection]) -> None:
         self.undecodable = {}
-        self.notes = Counter() if notes is None else notes
         self._catalog = DefinitionCatalog()
         self._sample_types: dict[Connection, type[Sample]] = {}
         self._stamp_places: dict[Connection, _StampPlace | None] = {}
@@ -86,8 +80,19 @@ class Decoder:
         except DecodeError:
             return None
 
-    def decode(self, raw: RawMessage) -> list[Sample]:
+    def prepare(self, connection: Connection) -> None:
+        """Build all that `decode` needs for a topic, so that several threads may then decode."""
+        with contextlib.suppress(DecodeError, *_UNFIT):
+            self.sample_type(connection)
+            self._catalog.store_for(connection).get_msgdef(connection.msgtype)
+
+    def decode(self, raw: RawMessage, notes: Counter[str] | None = None) -> list[Sample]:
         """Return the samples of one message: one, or one for each transform of a tf message.
+
+        Args:
+            raw: The message.
+            notes: Counts what had to be left out of a sample, by reason, such as per-point
+                times that make no sense.
 
         Raises:
             DecodeError: If the payload does not fit its definition or says what cannot be.
@@ -97,11 +102,9 @@ class Decoder:
         head = head_of(message, connection.topic, raw.log_time_ns)
         if self.sample_type(connection) is OtherSample:
             return [OtherSample(**head.fields(), msgtype=connection.msgtype, message=message)]
-        return self._convert(message, head, connection.msgtype)
-
-    def _convert(self, message: RosMessage, head: SampleHead, msgtype: str) -> list[Sample]:
+        notes = Counter() if notes is None else notes
         try:
-            return CONVERTERS[msgtype].convert(message, head, self.notes)
+            return CONVERTERS[connection.msgtype].convert(message, head, notes)
         except GeometryError as error:
             raise DecodeError(error.what, where=head.topic) from error
 

@@ -6,11 +6,13 @@ Encodings are those of `sensor_msgs/image_encodings.hpp` and of the `image_trans
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any
 
 import cv2
 import numpy as np
+import simplejpeg
 from numpy.typing import NDArray
 
 from percept.core.errors import DecodeError
@@ -52,6 +54,10 @@ _PNG_SIGNATURE_BYTES = 8
 _PNG_CHUNK_FRAME_BYTES = 12
 # Deflate packs at most 1030 to 1, a JPEG block of 64 pixels takes at least a bit.
 _MOST_PIXELS_A_BYTE = 2000
+# Colours of a JPEG file, and what they are decoded to.
+_JPEG_COLOURS = {"Gray": "GRAY", "YCbCr": "BGR", "RGB": "BGR"}
+_EXTRA_BYTES = re.compile(r"(\d+) extraneous bytes before marker")
+_MOST_EXTRA_BYTES = 16
 
 
 def pixels_of_image(message: RosMessage, topic: str) -> NDArray[Any]:
@@ -212,6 +218,35 @@ def pixels_of_file_bytes(content: bytes, where: str) -> tuple[NDArray[Any], str]
             f"{len(content)} bytes cannot hold the {width} x {height} pixels that are declared",
             where=where,
         )
+    if file_format == "jpeg":
+        return _jpeg_pixels(content, where), file_format
+    return _opencv_pixels(content, file_format, where), file_format
+
+
+def _jpeg_pixels(content: bytes, where: str) -> NDArray[Any]:
+    """Decode a JPEG with libjpeg-turbo: the bits of OpenCV's decoder in half its time.
+
+    What the library only warns of is refused, because it goes on with made-up pixels; a few
+    bytes too many, as webcams write them, change none.
+    """
+    try:
+        _, _, colours, _ = simplejpeg.decode_jpeg_header(content)
+        if colours not in _JPEG_COLOURS:
+            return _opencv_pixels(content, "jpeg", where)
+        wanted = _JPEG_COLOURS[colours]
+        try:
+            pixels = simplejpeg.decode_jpeg(content, wanted)
+        except ValueError as error:
+            extra = _EXTRA_BYTES.search(str(error))
+            if extra is None or int(extra.group(1)) > _MOST_EXTRA_BYTES:
+                raise
+            pixels = simplejpeg.decode_jpeg(content, wanted, strict=False)
+    except ValueError as error:
+        raise DecodeError(f"the jpeg image is damaged ({error})", where=where) from error
+    return pixels[:, :, 0] if wanted == "GRAY" else pixels
+
+
+def _opencv_pixels(content: bytes, file_format: str, where: str) -> NDArray[Any]:
     try:
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -222,7 +257,7 @@ def pixels_of_file_bytes(content: bytes, where: str) -> tuple[NDArray[Any], str]
         raise DecodeError(f"the {file_format} image is damaged", where=where)
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_BGRA2BGR)
-    return pixels, file_format
+    return pixels
 
 
 def _is_complete(content: bytes, file_format: str) -> bool:
@@ -232,7 +267,8 @@ def _is_complete(content: bytes, file_format: str) -> bool:
     PNG the chunks must lead to it; OpenCV would believe any length that a chunk declares.
     """
     if file_format == "jpeg":
-        return content.rfind(b"\xff\xd9") > content.rfind(b"\xff\xda")
+        end = content.rfind(b"\xff\xd9")
+        return end >= 0 and content.find(b"\xff\xda", end) < 0
     position = _PNG_SIGNATURE_BYTES
     while position + _PNG_CHUNK_FRAME_BYTES <= len(content):
         kind = content[position + 4 : position + 8]

@@ -14,6 +14,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from types import TracebackType
@@ -24,8 +25,14 @@ from percept.core.samples import CameraImage, PointCloud, Sample
 from percept.datasets.decoding.images import pixels_of_file_bytes
 from percept.datasets.files.cloud_files import CLOUD_SUFFIXES, cloud_from_file
 from percept.datasets.files.file_stamps import file_stamps_ns, time_list
-from percept.datasets.losses import PassLosses
-from percept.datasets.recording import Envelope, TopicInfo, wanted_topics
+from percept.datasets.losses import DecodingLosses, PassLosses
+from percept.datasets.recording import (
+    Envelope,
+    TopicInfo,
+    UndecodedMessage,
+    samples_of,
+    wanted_topics,
+)
 
 __all__ = ["FolderRecording", "open_folder"]
 
@@ -82,8 +89,7 @@ class FolderRecording:
         self.end_ns: int | None = max(stamps, default=None)
         self.losses: Counter[str] = Counter() if losses is None else losses
         self.notes: tuple[str, ...] = ()
-        self._undecoded: Counter[str] = Counter()
-        self._first_failures: dict[str, str] = {}
+        self._decoding_losses = DecodingLosses(self.losses)
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """Return all topics, sorted by name."""
@@ -101,29 +107,49 @@ class FolderRecording:
         Raises:
             TopicNotFoundError: If a topic is not here.
         """
-        return self._decoded(self._files(topics), start_ns, end_ns)
+        return samples_of(self.undecoded(topics=topics, start_ns=start_ns, end_ns=end_ns))
 
-    def _decoded(
-        self, files: Iterator[_File], start_ns: int | None, end_ns: int | None
-    ) -> Iterator[Sample]:
-        losses = PassLosses(self.losses, self._undecoded)
-        for file in files:
-            if start_ns is not None and file.stamp_ns < start_ns:
-                continue
-            if end_ns is not None and file.stamp_ns > end_ns:
-                return
-            try:
-                yield self._decode(file, losses)
-            except DecodeError as error:
-                first = self._first_failures.setdefault(file.topic, str(error))
-                losses[f"files of {file.topic} that cannot be decoded ({first})"] += 1
+    def undecoded(
+        self,
+        *,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[UndecodedMessage]:
+        """Yield files in time order, to be read and decoded on any thread; see `Recording`.
 
-    def _decode(self, file: _File, losses: PassLosses) -> Sample:
+        Raises:
+            TopicNotFoundError: If a topic is not here.
+        """
+        losses = self._decoding_losses.new_pass()
+        return (
+            UndecodedMessage(
+                file.topic,
+                file.stamp_ns,
+                file.stamp_ns,
+                partial(self._counted, file, losses, losses.next_place()),
+            )
+            for file in self._files(topics)
+            if (start_ns is None or file.stamp_ns >= start_ns)
+            and (end_ns is None or file.stamp_ns <= end_ns)
+        )
+
+    def _counted(self, file: _File, losses: PassLosses, place: int) -> tuple[Sample, ...]:
+        notes: Counter[str] = Counter()
+        try:
+            return (self._decode(file, notes),)
+        except DecodeError as error:
+            losses.add_failure(f"files of {file.topic}", place, str(error))
+            raise
+        finally:
+            losses.add_notes(notes)
+
+    def _decode(self, file: _File, notes: Counter[str]) -> Sample:
         frame = file.topic.rpartition("/")[2]
         if file.path.suffix.lower() in CLOUD_SUFFIXES:
             stamp_ns = file.stamp_ns if file.stamp_is_known else None
             cloud = cloud_from_file(
-                file.path, losses, topic=file.topic, stamp_ns=stamp_ns, frame=frame
+                file.path, notes, topic=file.topic, stamp_ns=stamp_ns, frame=frame
             )
             return cloud if file.stamp_is_known else _restamped(cloud, file.stamp_ns)
         try:
