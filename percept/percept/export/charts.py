@@ -12,7 +12,7 @@ from html import escape
 from percept.core.errors import GeometryError
 from percept.export.palette import class_colour, hex_colour
 
-__all__ = ["histogram", "timeline"]
+__all__ = ["histogram", "share_curves", "timeline"]
 
 _WIDTH = 720
 _LEFT, _RIGHT, _TOP = 58, 18, 46
@@ -20,6 +20,7 @@ _PLOT = _WIDTH - _LEFT - _RIGHT
 _BARS_HEIGHT = 200
 _PANEL_HEIGHT = 96
 _PANEL_GAP = 34
+_CURVES_HEIGHT = 300
 _LINES = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7")
 _STYLE = (
     "text{font:12px system-ui,sans-serif;fill:#a0abb6}.title{font-size:15px;font-weight:600;"
@@ -96,6 +97,42 @@ def timeline(title: str, seconds: Sequence[float], series: Mapping[str, Sequence
     bottom = top - _PANEL_GAP
     body += [_text(_LEFT + _PLOT * t / ticks[-1], bottom + 18, f"{t:g} s", "mid") for t in ticks]
     return _document(title, bottom + 32, body)
+
+
+def share_curves(
+    title: str,
+    x_label: str,
+    y_label: str,
+    curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
+) -> str:
+    """Draw shares against shares, both from 0 to 1, a curve for each class.
+
+    Args:
+        title: What is shown.
+        x_label: What goes to the right.
+        y_label: What goes up.
+        curves: By class, the values to the right and those up; NaN leaves a gap.
+
+    Returns:
+        An SVG document.
+
+    Raises:
+        GeometryError: If a curve has more values one way than the other.
+    """
+    if any(len(xs) != len(ys) for xs, ys in curves.values()):
+        raise GeometryError(f"'{title}' needs as many values to the right as up")
+    ticks = _ticks(1.0)
+    legend = list(_legend(curves))
+    top = _TOP + 20 * ((len(legend) + 5) // 6) + 18
+    bottom = top + _CURVES_HEIGHT
+    body = [*legend, _text(_LEFT, top - 8, y_label), *_grid(ticks, top, _CURVES_HEIGHT)]
+    for label, (xs, ys) in curves.items():
+        places = [_LEFT + _PLOT * x for x in xs]
+        heights = [top + _CURVES_HEIGHT * (1 - y) for y in ys]
+        body += _line(places, heights, hex_colour(class_colour(label)))
+    body += [_text(_LEFT + _PLOT * t, bottom + 18, f"{t:g}", "mid") for t in ticks]
+    body.append(_text(_LEFT + _PLOT / 2, bottom + 40, x_label, "mid"))
+    return _document(title, bottom + 54, body)
 
 
 def _ticks(highest: float, *, most: int = 5, whole: bool = False) -> list[float]:

@@ -9,6 +9,8 @@ from importlib.metadata import PackageNotFoundError, version
 
 from percept.core.clock import iso_from_ns, seconds_from_ns
 from percept.core.results import Verdict
+from percept.export.camera_report import CameraPart, camera_sections
+from percept.export.camera_summary import CameraSummary
 from percept.export.charts import histogram, timeline
 from percept.export.detection_summary import DetectionSummary, band_name
 from percept.export.report import (
@@ -31,6 +33,7 @@ _PACKAGES = (
     "rosbags",
     "mcap",
     "rerun-sdk",
+    "onnxruntime",
 )
 
 
@@ -45,6 +48,7 @@ def detection_report(
     settings: Mapping[str, object],
     losses: Mapping[str, int] | None = None,
     notes: Sequence[str] = (),
+    cameras: CameraPart | None = None,
 ) -> ReportContent:
     """Return the report of a detection run.
 
@@ -58,13 +62,15 @@ def detection_report(
         settings: The resolved configuration.
         losses: What reading the log lost, by reason; stands beside what detection left out.
         notes: What else should be known, such as what the 3D view leaves out.
+        cameras: What the networks found in images; None where none looked. Images that cannot be
+            used are among what was left out. A run of cameras alone says nothing of scans.
     """
     dropped = Counter(summary.dropped)
     dropped.update(losses or {})
+    dropped.update(cameras.summary.failures if cameras is not None else {})
     sections = (
-        Section("Seen from above", (*summary.pictures, *_picture_note(summary))),
-        Section("What was found", (*_found(summary),)),
-        Section("Time by stage", (*_timing(summary),)),
+        *(_scan_sections(summary) if summary.frames or cameras is None else ()),
+        *(camera_sections(cameras) if cameras is not None else ()),
         Section("What was left out", (_dropped(dropped),)),
         Section("Inputs", (_inputs(inputs), *(Paragraph(note) for note in notes))),
         Section("Settings", (_pairs(("setting", "value"), _flat(settings)),)),
@@ -76,7 +82,7 @@ def detection_report(
         why=tuple(why),
         advice=tuple(advice),
         sections=sections,
-        subtitle=_subtitle(summary),
+        subtitle=_subtitle(summary, cameras),
     )
 
 
@@ -91,14 +97,26 @@ def installed_versions() -> dict[str, str]:
     return versions
 
 
-def _subtitle(summary: DetectionSummary) -> str:
-    if summary.first_ns is None or summary.last_ns is None:
-        return "no scans"
-    seconds = seconds_from_ns(summary.last_ns - summary.first_ns)
+def _scan_sections(summary: DetectionSummary) -> tuple[Section, ...]:
     return (
-        f"{summary.frames:,} scans and {summary.objects:,} objects, "
-        f"{iso_from_ns(summary.first_ns)} and {seconds:,.1f} s on"
+        Section("Seen from above", (*summary.pictures, *_picture_note(summary))),
+        Section("What was found", (*_found(summary),)),
+        Section("Time by stage", (*_timing(summary),)),
     )
+
+
+def _subtitle(summary: DetectionSummary, cameras: CameraPart | None) -> str:
+    images = cameras.summary if cameras is not None else None
+    seen: list[DetectionSummary | CameraSummary] = [summary, *([images] if images else [])]
+    first = [part.first_ns for part in seen if part.first_ns is not None]
+    last = [part.last_ns for part in seen if part.last_ns is not None]
+    if not first or not last:
+        return "no scans" if cameras is None else "no scans and no images"
+    what = [f"{summary.frames:,} scans and {summary.objects:,} objects"] if summary.frames else []
+    if images is not None:
+        what.append(f"{images.images:,} images and {images.boxes:,} boxes")
+    seconds = seconds_from_ns(max(last) - min(first))
+    return f"{', '.join(what)}, {iso_from_ns(min(first))} and {seconds:,.1f} s on"
 
 
 def _picture_note(summary: DetectionSummary) -> list[Block]:

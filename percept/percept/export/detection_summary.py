@@ -16,7 +16,7 @@ from percept.export.report import Picture
 from percept.export.running import EvenSample, MillisecondQuantiles
 from percept.lidar.result import ScanResult
 
-__all__ = ["DetectionSummary", "FramePoint", "SensorTotals", "band_name"]
+__all__ = ["DetectionSummary", "FramePoint", "SensorTotals", "band_name", "band_of"]
 
 _BAND_M = 10
 _LAST_BAND = 10
@@ -146,16 +146,20 @@ class DetectionSummary:
 
     def _add_boxes(self, detections: Detections3D) -> None:
         ranges_m = np.hypot(detections.boxes_m[:, 0], detections.boxes_m[:, 1])
-        bands = np.minimum(ranges_m // _BAND_M, _LAST_BAND).astype(int).tolist()
-        for label, band in zip(detections.labels, bands, strict=True):
+        for label, range_m in zip(detections.labels, ranges_m.tolist(), strict=True):
             self.labels[label] += 1
-            self.ranges.setdefault(label, Counter())[band] += 1
+            self.ranges.setdefault(label, Counter())[band_of(range_m)] += 1
 
     def _add_timings(self, timings_ms: Mapping[str, float]) -> float:
         total_ms = sum(timings_ms.values())
         for stage, duration_ms in (*timings_ms.items(), ("total", total_ms)):
             self.stages.setdefault(stage, MillisecondQuantiles()).add(duration_ms)
         return total_ms
+
+
+def band_of(range_m: float) -> int:
+    """Return the band of distance that a finite range in metres falls into."""
+    return int(min(range_m // _BAND_M, _LAST_BAND))
 
 
 def band_name(band: int) -> str:

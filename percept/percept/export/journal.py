@@ -1,10 +1,10 @@
 """The journal of a run: what is finished stays finished when the process is killed.
 
-Every finished frame is one Arrow record batch that is handed to the operating system before
-the next frame starts, with the frame's own figures in the batch's metadata. A session appends
-to a part of its own (`part-0000.arrows`, `part-0001.arrows`, ...), so that a resumed run never
-writes behind the broken end of an earlier one; readers take the whole batches of each part and
-stop where it breaks. The final tables are made from the journal.
+Every finished frame, a scan or an image, is one Arrow record batch that is handed to the
+operating system before the next frame starts, with the frame's own figures in the batch's
+metadata. A session appends to a part of its own (`part-0000.arrows`, `part-0001.arrows`, ...), so
+that a resumed run never writes behind the broken end of an earlier one; readers take the whole
+batches of each part and stop where it breaks. The final tables are made from the journal.
 """
 
 from __future__ import annotations
@@ -17,29 +17,44 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import IO, Any, Generic, Self, TypeVar
 
 import pyarrow as pa
 
 from percept.core.errors import UsageError
-from percept.export.finished import FinishedFrame, finished_frame
-from percept.export.tables import DETECTIONS_3D, detections_3d_table
+from percept.detection.result import ImageResult
+from percept.export.finished import (
+    FinishedFrame,
+    FinishedImage,
+    finished_frame,
+    finished_image,
+)
+from percept.export.tables import (
+    DETECTIONS_2D,
+    DETECTIONS_3D,
+    detections_2d_table,
+    detections_3d_table,
+)
 from percept.lidar.result import ScanResult
 
-__all__ = ["FrameJournal"]
+__all__ = ["FrameJournal", "ImageJournal", "Journal"]
+
+_Finished = TypeVar("_Finished", bound=FinishedFrame | FinishedImage)
 
 _HEAD = "journal.json"
 _FRAME_KEY = b"percept.frame"
 _FRAMES_PER_SYNC = 32
 
 
-class FrameJournal:
+class Journal(Generic[_Finished]):
     """Finished frames of an unfinished run, in a folder of its own; a context manager.
 
     Args:
         folder: Where the journal lies; made where it is missing.
         fingerprint: Text that stands for the inputs and the settings. A run can be resumed only
             with the text that it was started with.
+        kind: What is kept of a frame besides its rows.
+        schema: Columns of the rows.
         resume: Continue the journal that is there; without it a journal there is refused.
 
     Attributes:
@@ -50,8 +65,18 @@ class FrameJournal:
         UsageError: If the folder holds another unfinished run, or is being written to.
     """
 
-    def __init__(self, folder: Path, fingerprint: str, *, resume: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        fingerprint: str,
+        kind: type[_Finished],
+        schema: pa.Schema,
+        *,
+        resume: bool = False,
+    ) -> None:
         self._folder = folder
+        self._kind = kind
+        self._schema = schema
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(folder / "lock")
         try:
@@ -66,17 +91,18 @@ class FrameJournal:
         self._sink: IO[bytes] | None = None
         self._writer: pa.RecordBatchStreamWriter | None = None
 
-    def append(self, frame: int, result: ScanResult) -> FinishedFrame:
+    def keep(self, finished: _Finished, table: pa.Table) -> _Finished:
         """Keep a finished frame; once this returns it survives the end of the process.
 
         Args:
-            frame: Number of the scan in the run, from `next_frame` on and growing.
-            result: The scan. One that could not be judged is kept as a result without boxes
-                that says why in `dropped`.
+            finished: The frame; its number is `next_frame` or higher.
+            table: Its rows.
+
+        Returns:
+            The frame.
         """
-        finished = finished_frame(frame, result)
-        table = detections_3d_table(frame, result.detections)
-        rows = table.combine_chunks().to_batches() or [_no_rows()]
+        none = pa.RecordBatch.from_pylist([], schema=self._schema)
+        rows = table.combine_chunks().to_batches() or [none]
         writer, sink = self._open_part()
         meta = {_FRAME_KEY: json.dumps(asdict(finished)).encode()}
         writer.write_batch(rows[0], custom_metadata=meta)
@@ -86,10 +112,11 @@ class FrameJournal:
             os.fsync(sink.fileno())
         return finished
 
-    def read(self) -> Iterator[tuple[FinishedFrame, pa.RecordBatch]]:
+    def read(self) -> Iterator[tuple[_Finished, pa.RecordBatch]]:
         """Yield the finished frames and their rows in order, one at a time."""
         for part in self._parts():
-            yield from _read_part(part)
+            for meta, rows in _read_part(part):
+                yield self._kind(**meta), rows
 
     def batches(self) -> Iterator[pa.RecordBatch]:
         """Yield the rows of the finished frames in order, for `write_parquet`."""
@@ -121,7 +148,7 @@ class FrameJournal:
     ) -> None:
         self.close()
 
-    def _count(self, finished: FinishedFrame) -> None:
+    def _count(self, finished: _Finished) -> None:
         self.frames += 1
         self.next_frame = finished.frame + 1
 
@@ -133,7 +160,7 @@ class FrameJournal:
         if self._sink is None or self._writer is None:
             path = self._folder / f"part-{len(self._parts()):04d}.arrows"
             self._sink = path.open("xb")
-            self._writer = pa.ipc.new_stream(self._sink, DETECTIONS_3D)
+            self._writer = pa.ipc.new_stream(self._sink, self._schema)
         return self._writer, self._sink
 
     def _check_head(self, fingerprint: str, *, resume: bool) -> None:
@@ -157,8 +184,38 @@ class FrameJournal:
             )
 
 
-def _no_rows() -> pa.RecordBatch:
-    return pa.RecordBatch.from_pylist([], schema=DETECTIONS_3D)
+class FrameJournal(Journal[FinishedFrame]):
+    """The scans of an unfinished run; see `Journal`."""
+
+    def __init__(self, folder: Path, fingerprint: str, *, resume: bool = False) -> None:
+        super().__init__(folder, fingerprint, FinishedFrame, DETECTIONS_3D, resume=resume)
+
+    def append(self, frame: int, result: ScanResult) -> FinishedFrame:
+        """Keep a finished scan; once this returns it survives the end of the process.
+
+        Args:
+            frame: Number of the scan in the run, from `next_frame` on and growing.
+            result: The scan. One that could not be judged is kept as a result without boxes
+                that says why in `dropped`.
+        """
+        table = detections_3d_table(frame, result.detections)
+        return self.keep(finished_frame(frame, result), table)
+
+
+class ImageJournal(Journal[FinishedImage]):
+    """The images of an unfinished run; see `Journal`."""
+
+    def __init__(self, folder: Path, fingerprint: str, *, resume: bool = False) -> None:
+        super().__init__(folder, fingerprint, FinishedImage, DETECTIONS_2D, resume=resume)
+
+    def append(self, result: ImageResult) -> FinishedImage:
+        """Keep a finished image; once this returns it survives the end of the process.
+
+        Args:
+            result: The image; its number is `next_frame` or higher. One that cannot be used is
+                kept with its `failure`.
+        """
+        return self.keep(finished_image(result), detections_2d_table(result))
 
 
 def _fingerprint_in(head: Path) -> str | None:
@@ -184,8 +241,8 @@ def _locked(path: Path) -> IO[bytes]:
     return lock
 
 
-def _read_part(path: Path) -> Iterator[tuple[FinishedFrame, pa.RecordBatch]]:
-    """Yield the whole batches of a part, up to where a kill cut it."""
+def _read_part(path: Path) -> Iterator[tuple[dict[str, Any], pa.RecordBatch]]:
+    """Yield the figures and rows of the whole batches of a part, up to where a kill cut it."""
     with path.open("rb") as source:
         try:
             reader = pa.ipc.open_stream(source)
@@ -196,4 +253,4 @@ def _read_part(path: Path) -> Iterator[tuple[FinishedFrame, pa.RecordBatch]]:
                 rows, meta = reader.read_next_batch_with_custom_metadata()
             except (StopIteration, pa.ArrowInvalid, OSError):
                 return
-            yield FinishedFrame(**json.loads(meta[_FRAME_KEY])), rows
+            yield json.loads(meta[_FRAME_KEY]), rows

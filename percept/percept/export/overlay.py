@@ -3,13 +3,17 @@
 Every scan gives a `vision_msgs/msg/Detection3DArray` on `/percept/<sensor>/detections_3d` and a
 `visualization_msgs/msg/MarkerArray` on `/percept/<sensor>/markers`, with the frame and the stamp
 of the scan and at its place in recording time, so that the file lies over the log that it
-belongs to. The messages are those of ROS 2 Humble and later, vision_msgs 4.1; the file holds
-their definitions with all that they depend on.
+belongs to. Every image gives for each network a `vision_msgs/msg/Detection2DArray` on
+`/percept/<camera>/<model>/detections_2d`, and a `foxglove_msgs/msg/ImageAnnotations` on
+`/percept/<camera>/<model>/annotations`, which Foxglove draws into the image. The messages are
+those of ROS 2 Humble and later, vision_msgs 4.1; the file holds their definitions with all that
+they depend on.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -17,13 +21,19 @@ from typing import IO, Self
 from mcap.writer import CompressionType, Writer
 
 from percept.core.results import Detections3D
+from percept.detection.result import ImageResult
+from percept.export.camera_messages import detection_2d_array, image_annotations
 from percept.export.overlay_messages import (
+    DETECTION_2D_ARRAY,
     DETECTION_3D_ARRAY,
+    IMAGE_ANNOTATIONS,
     MARKER_ARRAY,
     OverlayMessages,
+    Values,
     detection_3d_array,
     marker_array,
 )
+from percept.export.palette import model_colours
 
 __all__ = ["OverlayWriter"]
 
@@ -35,10 +45,12 @@ class OverlayWriter:
 
     Args:
         path: The file to write; an older one is replaced.
+        models: Names of all networks, in the order of their colours.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, models: Sequence[str] = ()) -> None:
         self._path = path
+        self._colours = model_colours(models)
         self._unfinished = path.with_name(f".{path.name}.unfinished")
         self._file: IO[bytes] = self._unfinished.open("wb")
         self._writer = Writer(self._file, compression=CompressionType.ZSTD)
@@ -56,21 +68,34 @@ class OverlayWriter:
             log_time_ns: Time at which the scan was recorded.
         """
         base = f"/percept/{_topic_name(detections.sensor)}"
-        array = detection_3d_array(detections)
-        markers = marker_array(detections)
-        for topic, msgtype, message in (
-            (f"{base}/detections_3d", DETECTION_3D_ARRAY, array),
-            (f"{base}/markers", MARKER_ARRAY, markers),
-        ):
-            channel = self._channel(topic, msgtype)
-            self._writer.add_message(
-                channel_id=channel,
-                log_time=log_time_ns,
-                publish_time=detections.stamp_ns,
-                sequence=self._written[channel],
-                data=self._messages.serialize(message, msgtype),
+        self._write(
+            (
+                (f"{base}/detections_3d", DETECTION_3D_ARRAY, detection_3d_array(detections)),
+                (f"{base}/markers", MARKER_ARRAY, marker_array(detections)),
+            ),
+            log_time_ns,
+            detections.stamp_ns,
+        )
+
+    def add_image(self, result: ImageResult, frame_id: str) -> None:
+        """Write what each network found in one image.
+
+        Args:
+            result: The image; it may come from the journal, without its pixels.
+            frame_id: Frame of the camera.
+        """
+        for model, found in result.boxes.items():
+            base = f"/percept/{_topic_name(result.camera)}/{_topic_name(model)}"
+            array = detection_2d_array(found, frame_id)
+            drawn = image_annotations(found, result.positions.get(model), self._colours[model])
+            self._write(
+                (
+                    (f"{base}/detections_2d", DETECTION_2D_ARRAY, array),
+                    (f"{base}/annotations", IMAGE_ANNOTATIONS, drawn),
+                ),
+                result.log_time_ns,
+                result.stamp_ns,
             )
-            self._written[channel] += 1
 
     def close(self) -> None:
         """Finish the file and give it its name."""
@@ -91,6 +116,20 @@ class OverlayWriter:
             self.close()
         self._file.close()
         self._unfinished.unlink(missing_ok=True)
+
+    def _write(
+        self, messages: Iterable[tuple[str, str, Values]], log_time_ns: int, stamp_ns: int
+    ) -> None:
+        for topic, msgtype, message in messages:
+            channel = self._channel(topic, msgtype)
+            self._writer.add_message(
+                channel_id=channel,
+                log_time=log_time_ns,
+                publish_time=stamp_ns,
+                sequence=self._written[channel],
+                data=self._messages.serialize(message, msgtype),
+            )
+            self._written[channel] += 1
 
     def _channel(self, topic: str, msgtype: str) -> int:
         if topic not in self._channels:

@@ -16,9 +16,12 @@ from percept.core.results import Detections3D
 from percept.export.palette import class_colour
 
 __all__ = [
+    "DETECTION_2D_ARRAY",
     "DETECTION_3D_ARRAY",
+    "IMAGE_ANNOTATIONS",
     "MARKER_ARRAY",
     "OverlayMessages",
+    "Values",
     "detection_3d_array",
     "marker_array",
 ]
@@ -27,9 +30,11 @@ Values = Mapping[str, object]
 """Fields of a message; those that are missing are zero, empty or false."""
 
 
+DETECTION_2D_ARRAY = "vision_msgs/msg/Detection2DArray"
 DETECTION_3D_ARRAY = "vision_msgs/msg/Detection3DArray"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
-_VISION_MSGS = {
+IMAGE_ANNOTATIONS = "foxglove_msgs/msg/ImageAnnotations"
+_DEFINITIONS = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
     "vision_msgs/msg/ObjectHypothesisWithPose": (
         "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n"
@@ -40,6 +45,35 @@ _VISION_MSGS = {
         "vision_msgs/BoundingBox3D bbox\nstring id\n"
     ),
     DETECTION_3D_ARRAY: "std_msgs/Header header\nvision_msgs/Detection3D[] detections\n",
+    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y\n",
+    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta\n",
+    "vision_msgs/msg/BoundingBox2D": (
+        "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y\n"
+    ),
+    "vision_msgs/msg/Detection2D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
+        "vision_msgs/BoundingBox2D bbox\nstring id\n"
+    ),
+    DETECTION_2D_ARRAY: "std_msgs/Header header\nvision_msgs/Detection2D[] detections\n",
+    "foxglove_msgs/msg/Point2": "float64 x\nfloat64 y\n",
+    "foxglove_msgs/msg/Color": "float64 r\nfloat64 g\nfloat64 b\nfloat64 a\n",
+    "foxglove_msgs/msg/CircleAnnotation": (
+        "builtin_interfaces/Time timestamp\nfoxglove_msgs/Point2 position\nfloat64 diameter\n"
+        "float64 thickness\nfoxglove_msgs/Color fill_color\nfoxglove_msgs/Color outline_color\n"
+    ),
+    "foxglove_msgs/msg/PointsAnnotation": (
+        "builtin_interfaces/Time timestamp\nuint8 type\nfoxglove_msgs/Point2[] points\n"
+        "foxglove_msgs/Color outline_color\nfoxglove_msgs/Color[] outline_colors\n"
+        "foxglove_msgs/Color fill_color\nfloat64 thickness\n"
+    ),
+    "foxglove_msgs/msg/TextAnnotation": (
+        "builtin_interfaces/Time timestamp\nfoxglove_msgs/Point2 position\nstring text\n"
+        "float64 font_size\nfoxglove_msgs/Color text_color\nfoxglove_msgs/Color background_color\n"
+    ),
+    IMAGE_ANNOTATIONS: (
+        "foxglove_msgs/CircleAnnotation[] circles\nfoxglove_msgs/PointsAnnotation[] points\n"
+        "foxglove_msgs/TextAnnotation[] texts\n"
+    ),
 }
 _CUBE, _TEXT = 1, 9
 _ADD, _DELETE_ALL = 0, 3
@@ -53,7 +87,7 @@ class OverlayMessages:
 
     def __init__(self) -> None:
         self._store = get_typestore(Stores.ROS2_HUMBLE)
-        for name, definition in _VISION_MSGS.items():
+        for name, definition in _DEFINITIONS.items():
             self._store.register(get_types_from_msg(definition, name))
         self._layouts: dict[str, tuple[dict[str, FieldDesc], dict[str, Any]]] = {}
 

@@ -8,6 +8,7 @@ bright enough for a dark background.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -16,8 +17,11 @@ from numpy.typing import NDArray
 __all__ = [
     "class_colour",
     "cluster_colours",
+    "depth_colours",
     "hex_colour",
+    "model_colours",
     "sensor_colour",
+    "sensor_colour_name",
     "sequential_colours",
 ]
 
@@ -40,6 +44,8 @@ _SENSORS = (
     (230, 159, 0), (86, 180, 233), (0, 158, 115), (226, 110, 190),
     (240, 228, 66), (213, 94, 0), (0, 114, 178), (187, 187, 187),
 )  # fmt: skip
+_SENSOR_NAMES = ("orange", "light blue", "green", "pink", "yellow", "red", "blue", "grey")
+_FAR_M = 60.0
 # The dark end of the scheme would be lost on a dark ground.
 _SEQUENTIAL = cv2.applyColorMap(np.arange(52, 256, dtype=np.uint8)[:, None], cv2.COLORMAP_PLASMA)
 _NO_CLUSTER = np.array((110, 110, 110), dtype=np.uint8)
@@ -67,6 +73,21 @@ def cluster_colours(cluster_ids: NDArray[np.integer]) -> NDArray[np.uint8]:
 def sensor_colour(index: int) -> tuple[int, int, int]:
     """Return the red, green and blue (0..255) of the sensor that comes at a place in a list."""
     return _SENSORS[index % len(_SENSORS)]
+
+
+def sensor_colour_name(index: int) -> str:
+    """Return what a person calls a `sensor_colour`."""
+    return _SENSOR_NAMES[index % len(_SENSOR_NAMES)]
+
+
+def model_colours(models: Sequence[str]) -> dict[str, tuple[int, int, int]]:
+    """Return the red, green and blue (0..255) of each network's boxes, by its name."""
+    return {model: sensor_colour(index) for index, model in enumerate(models)}
+
+
+def depth_colours(depths_m: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Return colours (N, 3) uint8 RGB of depths (N,): yellow near by, violet from 60 m on."""
+    return sequential_colours(1 - np.asarray(depths_m, dtype=np.float64) / _FAR_M)
 
 
 def sequential_colours(fractions: NDArray[np.floating]) -> NDArray[np.uint8]:

@@ -10,8 +10,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from percept.core.results import Detections3D
+from percept.detection.result import ImageResult, Positions
 
-__all__ = ["BOX_COLUMNS", "DETECTIONS_3D", "detections_3d_table", "write_parquet"]
+__all__ = [
+    "BOX_COLUMNS",
+    "DETECTIONS_2D",
+    "DETECTIONS_3D",
+    "PIXEL_COLUMNS",
+    "detections_2d_table",
+    "detections_3d_table",
+    "write_parquet",
+]
 
 _ROWS_PER_GROUP = 65_536
 BOX_COLUMNS = ("x", "y", "z", "length", "width", "height", "yaw_rad")
@@ -31,6 +40,35 @@ DETECTIONS_3D = pa.schema(
     ]
 )
 """Columns of `detections_3d.parquet`: metres and rad in the frame `frame_id`, one row a box."""
+
+PIXEL_COLUMNS = ("x1_px", "y1_px", "x2_px", "y2_px")
+"""Columns of a box in an image, in the order of `Detections2D.boxes_px`."""
+
+DETECTIONS_2D = pa.schema(
+    [
+        ("frame", pa.int64()),
+        ("stamp_ns", pa.int64()),
+        ("camera", pa.string()),
+        ("model", pa.string()),
+        *((name, pa.float64()) for name in PIXEL_COLUMNS),
+        ("label", pa.string()),
+        ("confidence", pa.float64()),
+        ("primary", pa.bool_()),
+        ("range_m", pa.float64()),
+        ("x", pa.float64()),
+        ("y", pa.float64()),
+        ("z", pa.float64()),
+        ("frame_id", pa.string()),
+        ("depth_source", pa.string()),
+        ("depth_points", pa.int64()),
+    ]
+)
+"""Columns of `detections_2d.parquet`: pixels of the recorded image, metres, one row a box.
+
+`frame` numbers the images of the run over all cameras. `primary` is false where another model
+found the same object in the same image with more confidence. Where the position of an object is
+not known, `range_m`, `x`, `y`, `z`, `frame_id` and `depth_source` are null and `depth_points` is 0.
+"""
 
 
 def detections_3d_table(frame: int, detections: Detections3D) -> pa.Table:
@@ -60,6 +98,48 @@ def detections_3d_table(frame: int, detections: Detections3D) -> pa.Table:
         for column, field in zip(columns, DETECTIONS_3D, strict=True)
     ]
     return pa.Table.from_arrays(arrays, schema=DETECTIONS_3D)
+
+
+def detections_2d_table(result: ImageResult) -> pa.Table:
+    """Return the boxes of one image as rows of `detections_2d.parquet`.
+
+    Args:
+        result: The image; a box counts as primary where nothing else is said.
+
+    Returns:
+        A row for each box with the schema `DETECTIONS_2D`: the models in their order, and the
+        boxes of each in theirs.
+    """
+    return pa.concat_tables(
+        [DETECTIONS_2D.empty_table(), *(_rows_of_model(result, model) for model in result.boxes)]
+    )
+
+
+def _rows_of_model(result: ImageResult, model: str) -> pa.Table:
+    found = result.boxes[model]
+    rows = len(found)
+    positions = result.positions.get(model) or Positions.unknown(rows)
+    known = [bool(source) for source in positions.sources]
+    columns = [
+        np.full(rows, result.frame, dtype=np.int64),
+        np.full(rows, result.stamp_ns, dtype=np.int64),
+        [result.camera] * rows,
+        [model] * rows,
+        *found.boxes_px.T,
+        list(found.labels),
+        found.confidences,
+        result.primary.get(model, np.ones(rows, dtype=bool)),
+        positions.range_m,
+        *positions.points_m.T,
+        [positions.frame_id if is_known else None for is_known in known],
+        [source or None for source in positions.sources],
+        positions.points,
+    ]
+    arrays = [
+        pa.array(column, type=field.type, from_pandas=True)  # NaN, which is unknown, is null
+        for column, field in zip(columns, DETECTIONS_2D, strict=True)
+    ]
+    return pa.Table.from_arrays(arrays, schema=DETECTIONS_2D)
 
 
 def write_parquet(
