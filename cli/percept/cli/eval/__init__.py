@@ -1,0 +1,20 @@
+"""`percept eval`: results against truth."""
+
+from __future__ import annotations
+
+import typer
+
+from percept.cli.eval.detections import detections
+
+__all__ = ["app"]
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+app.command("detections")(detections)
+
+
+@app.callback()
+def evaluate() -> None:
+    """Score a run, or files of whatever tool, against labels.
+
+    Example: percept eval --help
+    """
