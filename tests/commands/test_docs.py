@@ -20,9 +20,9 @@ import typer
 import yaml
 
 from percept.calib import limits
-from percept.cli import detect_verdict
 from percept.cli.app import app
-from percept.cli.detect_run import DetectConfig
+from percept.cli.detect import verdict as detect_verdict
+from percept.cli.detect.request import DetectConfig
 from percept.core.rig import load_rig
 from percept.core.settings import Settings
 from percept.datasets.inspection import InspectConfig
@@ -89,9 +89,9 @@ def test_every_picture_is_used_and_small() -> None:
 
 
 def _commands(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
-    """Yield all commands that are no groups, by the words after `percept`."""
+    """Yield all commands that do something themselves, by the words after `percept`."""
     below: dict[str, Any] = getattr(group, "commands", {})
-    if not below:
+    if not below or getattr(group, "invoke_without_command", False):
         yield " ".join(path), group
     for name, command in below.items():
         yield from _commands(command, (*path, name))

@@ -15,11 +15,14 @@ _COMMANDS = [
     ["demo"],
     ["inspect"],
     ["detect"],
+    ["detect", "quantize"],
     ["synth"],
     ["synth", "drive"],
     ["synth", "calib"],
     ["calib", "lidar"],
     ["calib", "export"],
+    ["eval"],
+    ["eval", "detections"],
     ["view"],
 ]
 _ENVIRONMENT = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

@@ -206,7 +206,8 @@ def yolo_graph(
 
     Args:
         path: Where to.
-        layout: As in `percept.detection.layout`; `v6` is `v5` on one anchor a cell, `yolov3-zoo`
+        layout: As in `percept.detection.networks.layout`; `v6` is `v5` on one anchor a cell,
+            `yolov3-zoo`
             and the like are not known here.
         known: What it finds; `known_boxes` by default.
         class_count: Of the network.

@@ -22,7 +22,7 @@ from percept.datasets.synthetic.layout import Placed
 from percept.datasets.synthetic.lidar import cloud_of_scan
 from percept.datasets.synthetic.sensor_rig import BASE, CAMERA_NAMES
 from percept.datasets.synthetic.shapes import DETECTABLE
-from percept.detection.positions import locate_boxes
+from percept.detection.space.positions import locate_boxes
 from percept.lidar.merge import merge_clouds
 from percept.lidar.prepare import prepare_detector
 

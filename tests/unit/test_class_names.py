@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from percept.core.errors import InputError
-from percept.detection.class_names import coco_names, read_class_names
+from percept.detection.networks.class_names import coco_names, read_class_names
 
 
 def test_coco() -> None:

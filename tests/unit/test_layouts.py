@@ -10,11 +10,11 @@ import pytest
 from onnx_graphs import KnownBoxes, known_boxes, write_graph, yolo_graph
 
 from percept.core.errors import InputError, UsageError
-from percept.detection.class_names import coco_names
-from percept.detection.decode import decode
-from percept.detection.identify import identify
-from percept.detection.layout import Layout, PixelFormat
-from percept.detection.network import Network, open_network
+from percept.detection.networks.class_names import coco_names
+from percept.detection.networks.decode import decode
+from percept.detection.networks.identify import identify
+from percept.detection.networks.layout import Layout, PixelFormat
+from percept.detection.networks.network import Network, open_network
 
 _SMALL = (320, 192)
 

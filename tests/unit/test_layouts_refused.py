@@ -10,10 +10,10 @@ import pytest
 from onnx_graphs import known_boxes, write_graph, yolo_graph
 
 from percept.core.errors import InputError, UsageError
-from percept.detection.decode import decode
-from percept.detection.identify import identify
-from percept.detection.layout import Layout
-from percept.detection.network import open_network
+from percept.detection.networks.decode import decode
+from percept.detection.networks.identify import identify
+from percept.detection.networks.layout import Layout
+from percept.detection.networks.network import open_network
 
 _SIZE = (320, 192)
 _CELLS = 1260

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from percept.core.errors import GeometryError
-from percept.detection.layout import PixelFormat
-from percept.detection.letterbox import Fit, Letterbox
-from percept.detection.pixels import PIXEL_FORMATS, as_bgr8, name_of_pixels
+from percept.detection.images.letterbox import Fit, Letterbox
+from percept.detection.images.pixels import PIXEL_FORMATS, as_bgr8, name_of_pixels
+from percept.detection.networks.layout import PixelFormat
 
 _sides = st.integers(1, 5000)
 _fits = st.sampled_from(["centre", "corner", "stretch"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from percept.core.results import Detections2D
-from percept.detection.merge_models import primary_boxes
+from percept.detection.boxes.merge_models import primary_boxes
 
 
 def _found(*rows: tuple[str, float, tuple[float, float, float, float]]) -> Detections2D:

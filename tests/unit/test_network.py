@@ -16,8 +16,8 @@ from onnx.external_data_helper import set_external_data
 from onnx_graphs import write_graph, yolo_graph
 
 from percept.core.errors import DependencyError, InputError, PerceptError, UsageError
-from percept.detection.identify import identify
-from percept.detection.network import open_network
+from percept.detection.networks.identify import identify
+from percept.detection.networks.network import open_network
 
 _TABLE = {"output0": np.ones((1, 8, 8))}
 

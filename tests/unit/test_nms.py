@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from percept.detection.nms import suppress_duplicates
+from percept.detection.boxes.nms import suppress_duplicates
 
 _Columns = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
 

@@ -14,8 +14,8 @@ from percept.core.errors import GeometryError
 from percept.core.results import Detections2D, Detections3D
 from percept.core.samples import PointCloud
 from percept.core.transform import Transform
-from percept.detection.positions import best_positions, locate_boxes, locate_in_depth
 from percept.detection.result import Positions
+from percept.detection.space.positions import best_positions, locate_boxes, locate_in_depth
 from percept.lidar.result import ScanResult
 
 _F64 = NDArray[np.float64]

@@ -14,8 +14,8 @@ from onnx_graphs import yolo_graph
 
 from percept.core.errors import InputError
 from percept.detection import YoloConfig, YoloDetector
-from percept.detection.layout import Layout
-from percept.detection.pixels import PIXEL_FORMATS, name_of_pixels
+from percept.detection.images.pixels import PIXEL_FORMATS, name_of_pixels
+from percept.detection.networks.layout import Layout
 from percept.detection.probe import ProbeReport, probe_pixels
 
 _STREET = np.full((40, 60, 3), 7, np.uint8)

@@ -10,7 +10,7 @@ from percept.core.errors import UsageError
 from percept.core.results import Detections3D
 from percept.core.samples import CameraImage, PointCloud
 from percept.detection.result import ImageResult
-from percept.detection.scan_match import ImageMatch, ScanMatcher
+from percept.detection.space.scan_match import ImageMatch, ScanMatcher
 from percept.lidar.result import ScanResult
 
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from percept.detection.found import FoundBoxes
-from percept.detection.tiling import join_regions, regions_of
+from percept.detection.boxes.found import FoundBoxes
+from percept.detection.images.tiling import join_regions, regions_of
 
 _SIZE = (1000, 600)
 

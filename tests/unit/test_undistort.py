@@ -8,7 +8,7 @@ import pytest
 
 from percept.core.cameras import Camera, make_camera
 from percept.core.errors import GeometryError
-from percept.detection.undistort import Undistorter
+from percept.detection.images.undistort import Undistorter
 
 _CAMERAS = {
     "none": make_camera("pinhole", (320, 201), [[260.0, 0, 161], [0.0, 262, 99], [0.0, 0, 1]], []),

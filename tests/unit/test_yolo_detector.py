@@ -18,7 +18,7 @@ from onnx_graphs import KnownBoxes, known_boxes, yolo_graph
 from percept.core.errors import ConfigError, GeometryError, InputError, UsageError
 from percept.core.settings import parse_settings
 from percept.detection import YoloConfig, YoloDetector
-from percept.detection.rectangles import stride_of_rectangles
+from percept.detection.images.rectangles import stride_of_rectangles
 
 _Boxes = NDArray[np.float64]
 

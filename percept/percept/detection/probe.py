@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import InputError
-from percept.detection.pixels import PIXEL_FORMATS, name_of_pixels
+from percept.detection.images.pixels import PIXEL_FORMATS, name_of_pixels
 from percept.detection.yolo import YoloDetector
 
 __all__ = ["ProbeReport", "probe_pixels"]

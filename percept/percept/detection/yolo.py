@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 
 from percept.core.errors import GeometryError, InputError
 from percept.core.results import Detections2D
-from percept.detection.decode import decode
-from percept.detection.found import FoundBoxes
-from percept.detection.identify import identify
-from percept.detection.layout import Layout
-from percept.detection.letterbox import Letterbox
-from percept.detection.network import Device, open_network
-from percept.detection.pixels import as_bgr8, name_of_pixels
-from percept.detection.rectangles import rectangle_for, stride_of_rectangles
-from percept.detection.selection import Selection
-from percept.detection.tiling import join_regions, regions_of
+from percept.detection.boxes.found import FoundBoxes
+from percept.detection.boxes.selection import Selection
+from percept.detection.images.letterbox import Letterbox
+from percept.detection.images.pixels import as_bgr8, name_of_pixels
+from percept.detection.images.rectangles import rectangle_for, stride_of_rectangles
+from percept.detection.images.tiling import join_regions, regions_of
+from percept.detection.networks.decode import decode
+from percept.detection.networks.identify import identify
+from percept.detection.networks.layout import Layout
+from percept.detection.networks.network import Device, open_network
 from percept.detection.yolo_config import YoloConfig
 
 __all__ = ["YoloConfig", "YoloDetector"]

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from percept.core.errors import InputError
-from percept.detection.cells import strides_of
-from percept.detection.decode import decode, main_table
-from percept.detection.layout import Layout
-from percept.detection.letterbox import Letterbox
-from percept.detection.network import Network
+from percept.detection.images.letterbox import Letterbox
+from percept.detection.networks.cells import strides_of
+from percept.detection.networks.decode import decode, main_table
+from percept.detection.networks.layout import Layout
+from percept.detection.networks.network import Network
 
 __all__ = ["rectangle_for", "stride_of_rectangles"]
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from percept.core.errors import InputError
-from percept.detection.class_names import as_class_names
+from percept.detection.networks.class_names import as_class_names
 
 __all__ = ["Hints", "read_hints"]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.detection.cells import STRIDES, count_cells
+from percept.detection.networks.cells import STRIDES, count_cells
 
 __all__ = ["Reading", "objection", "possible_readings"]
 

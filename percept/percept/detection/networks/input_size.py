@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import UsageError
-from percept.detection.hints import Hints
-from percept.detection.network import Network
+from percept.detection.networks.hints import Hints
+from percept.detection.networks.network import Network
 
 __all__ = ["choose_input_size", "trial_pictures"]
 

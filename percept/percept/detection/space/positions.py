@@ -17,8 +17,8 @@ from percept.core.cameras import Camera
 from percept.core.errors import GeometryError
 from percept.core.results import Detections2D
 from percept.core.transform import Transform
-from percept.detection.box_points import points_of_boxes
 from percept.detection.result import Positions
+from percept.detection.space.box_points import points_of_boxes
 from percept.lidar.result import ScanResult
 
 __all__ = ["best_positions", "locate_boxes", "locate_in_depth"]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.detection.layout import Layout
+from percept.detection.networks.layout import Layout
 
 __all__ = ["decode_v4_grid", "decode_v5_grid", "decode_v7_grid"]
 

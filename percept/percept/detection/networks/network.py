@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from percept.core.errors import DependencyError, InputError, UsageError
-from percept.detection.model_file import ModelFile, read_model_file
+from percept.detection.networks.model_file import ModelFile, read_model_file
 
 __all__ = ["Device", "Network", "TensorSpec", "open_network"]
 

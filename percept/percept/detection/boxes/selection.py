@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import UsageError
-from percept.detection.found import FoundBoxes
-from percept.detection.nms import suppress_duplicates
+from percept.detection.boxes.found import FoundBoxes
+from percept.detection.boxes.nms import suppress_duplicates
 from percept.detection.yolo_config import YoloConfig
 
 __all__ = ["Selection"]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.detection.network import TensorSpec
-from percept.detection.readings import Reading
+from percept.detection.networks.network import TensorSpec
+from percept.detection.networks.readings import Reading
 
 __all__ = ["GRIDS", "special_readings", "what_else_it_is"]
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import GeometryError
-from percept.detection.layout import PixelFormat
-from percept.detection.pixels import fill_planes
+from percept.detection.images.pixels import fill_planes
+from percept.detection.networks.layout import PixelFormat
 
 __all__ = ["Fit", "Letterbox"]
 

@@ -14,10 +14,10 @@ from percept.core.errors import GeometryError
 from percept.core.results import Detections2D
 from percept.core.samples import CameraImage
 from percept.core.transform import Transform
-from percept.detection.merge_models import primary_boxes
-from percept.detection.positions import best_positions, locate_boxes, locate_in_depth
+from percept.detection.boxes.merge_models import primary_boxes
 from percept.detection.result import ImageResult, Positions
-from percept.detection.scan_match import ImageMatch, ScanMatcher
+from percept.detection.space.positions import best_positions, locate_boxes, locate_in_depth
+from percept.detection.space.scan_match import ImageMatch, ScanMatcher
 from percept.lidar.result import ScanResult
 
 __all__ = ["BoxPlacer", "CameraPlace", "PlacedImage"]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import GeometryError
-from percept.detection.layout import PixelFormat
+from percept.detection.networks.layout import PixelFormat
 from percept.lidar.compiled import compiled
 
 __all__ = ["PIXEL_FORMATS", "as_bgr8", "fill_planes", "name_of_pixels"]

@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import InputError, UsageError
-from percept.detection.cells import strides_of
-from percept.detection.class_names import as_class_names, coco_names
-from percept.detection.decode import NAMES, main_table
-from percept.detection.hints import Hints, read_hints
-from percept.detection.input_size import choose_input_size, trial_pictures
-from percept.detection.layout import Layout, PixelFormat
-from percept.detection.network import Network
-from percept.detection.pixels import PIXEL_FORMATS
-from percept.detection.readings import Reading, objection, possible_readings
-from percept.detection.special_outputs import GRIDS, special_readings, what_else_it_is
+from percept.detection.images.pixels import PIXEL_FORMATS
+from percept.detection.networks.cells import strides_of
+from percept.detection.networks.class_names import as_class_names, coco_names
+from percept.detection.networks.decode import NAMES, main_table
+from percept.detection.networks.hints import Hints, read_hints
+from percept.detection.networks.input_size import choose_input_size, trial_pictures
+from percept.detection.networks.layout import Layout, PixelFormat
+from percept.detection.networks.network import Network
+from percept.detection.networks.readings import Reading, objection, possible_readings
+from percept.detection.networks.special_outputs import GRIDS, special_readings, what_else_it_is
 
 __all__ = ["identify"]
 

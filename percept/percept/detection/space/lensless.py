@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.results import Detections2D
+from percept.detection.images.undistort import Undistorter
 from percept.detection.runner import ImageDetector
-from percept.detection.undistort import Undistorter
 
 __all__ = ["LenslessDetector"]
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.detection.found import FoundBoxes
+from percept.detection.boxes.found import FoundBoxes
 
 __all__ = ["Region", "join_regions", "regions_of"]
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import InputError
-from percept.detection.cells import cells_of, strides_of
-from percept.detection.decode_grids import decode_v4_grid, decode_v5_grid, decode_v7_grid
-from percept.detection.layout import Candidates, Layout
+from percept.detection.networks.cells import cells_of, strides_of
+from percept.detection.networks.decode_grids import decode_v4_grid, decode_v5_grid, decode_v7_grid
+from percept.detection.networks.layout import Candidates, Layout
 
 __all__ = ["NAMES", "decode", "main_table"]
 

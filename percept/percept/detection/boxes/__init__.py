@@ -1,0 +1,1 @@
+"""Boxes of one image: thresholds, suppression, duplicates between models."""

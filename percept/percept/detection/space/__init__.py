@@ -1,0 +1,1 @@
+"""Where the objects in boxes are: LiDAR clusters and depth images."""
