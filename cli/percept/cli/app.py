@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from percept.cli import calib, demo, detect, inspect, synth, view
 from percept.cli.dependencies import explain_import_error
+from percept.cli.eval import app as eval_app
 from percept.core.errors import PerceptError, UsageError
 
 __all__ = ["app", "main"]
@@ -69,7 +70,8 @@ app.command("demo")(demo.demo)
 app.add_typer(synth.app, name="synth")
 app.add_typer(calib.app, name="calib")
 app.command("inspect")(inspect.inspect)
-app.command("detect")(detect.detect)
+app.add_typer(detect.app, name="detect")
+app.add_typer(eval_app, name="eval")
 app.command("view")(view.view)
 
 

@@ -8,14 +8,24 @@ from typing import Any
 
 import typer
 
-from percept.cli.detect_run import DetectRequest, run_detection
+from percept.cli.detect.flags import model_flags, model_requests
+from percept.cli.detect.request import DetectRequest
+from percept.cli.detect.run import run_detection
 from percept.cli.synth_run import make_drive
 from percept.datasets import open_recording
 from percept.datasets.inspection import inspect_recording
+from percept.datasets.labels import read_detections, read_labels
 from percept.datasets.synthetic.drive import DriveConfig
+from percept.detection.models import builtin_model
 from percept.evaluation import DetectionScores, score_run
+from percept.evaluation.boxes_2d import BoxScoreConfig, BoxScores, score_boxes, scores_as_json
 
 __all__ = ["run_demo"]
+
+_MODEL = "small=builtin"
+_LEAST_HEIGHT_PX = 10
+_LEAST_VISIBLE = 0.3
+_COUNTED = f"objects from {_LEAST_HEIGHT_PX} px high, at least {_LEAST_VISIBLE:.0%} of them seen"
 
 
 def run_demo(out: Path, *, seed: int, seconds: float, force: bool, talk: bool) -> dict[str, Any]:
@@ -44,10 +54,12 @@ def run_demo(out: Path, *, seed: int, seconds: float, force: bool, talk: bool) -
         inspection = inspect_recording(recording)
     say(f"2. percept inspect {log}: verdict {inspection.verdict}")
     run_folder = out / "run"
-    say(f"3. percept detect --bag {log} --rig {out / 'rig.yaml'} --out {run_folder} --mcap")
+    models = model_requests([_MODEL], []) if builtin_model().is_file() else ()
+    flag = f"--model {_MODEL} " if models else ""
+    say(f"3. percept detect --bag {log} --rig {out / 'rig.yaml'} {flag}--out {run_folder} --mcap")
     request = DetectRequest(
-        bags=(log,), out=run_folder, rig=out / "rig.yaml", topics={}, flags={}, overlay=True,
-        force=force,
+        bags=(log,), out=run_folder, rig=out / "rig.yaml", models=models,
+        flags={"models": model_flags([model.name for model in models])}, overlay=True, force=force,
     )  # fmt: skip
     run = run_detection(request)
     counts = run["counts"]
@@ -55,8 +67,34 @@ def run_demo(out: Path, *, seed: int, seconds: float, force: bool, talk: bool) -
     scores = score_run(run_folder, out / "truth")
     say("4. against truth (objects with at least 10 returns; +class: the class is right too)")
     say(str(scores))
+    result = {**run, "scores": _as_dict(scores)}
+    if models:
+        in_images = _score_images(run_folder, out / "truth")
+        say(f"5. boxes in images against truth ({_COUNTED})")
+        say(_as_text(in_images))
+        result["scores_2d"] = scores_as_json(in_images)
     say(f"look at it: {run_folder / 'report.html'}, or `percept view {run_folder}`")
-    return {**run, "scores": _as_dict(scores)}
+    return result
+
+
+def _score_images(run_folder: Path, truth_folder: Path) -> BoxScores:
+    truth = read_labels(truth_folder, "parquet")
+    found = read_detections(run_folder, "parquet", truth)
+    counted = BoxScoreConfig(min_height_px=_LEAST_HEIGHT_PX, min_visible=_LEAST_VISIBLE)
+    return score_boxes(truth, found, counted)
+
+
+def _as_text(scores: BoxScores) -> str:
+    rows = [("all", scores.counts, scores.average)]
+    rows += [(score.label, score.counts, score.average) for score in scores.classes]
+    lines = [f"   {'class':<14} {'objects':>8} {'recall':>7} {'precision':>10} {'AP50':>6}"]
+    lines += [
+        f"   {label:<14} {counts.objects:>8} {_figure(counts.recall):>7} "
+        f"{_figure(counts.precision):>10} {_figure(average.ap50):>6}"
+        for label, counts, average in rows
+        if counts.objects
+    ]
+    return "\n".join(lines)
 
 
 def _as_dict(scores: DetectionScores) -> dict[str, Any]:
@@ -72,6 +110,10 @@ def _as_dict(scores: DetectionScores) -> dict[str, Any]:
             for label in labels
         },
     }
+
+
+def _figure(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.2f}"
 
 
 def _or_none(value: float) -> float | None:

@@ -123,8 +123,19 @@ class RunFolder:
         dropped: Mapping[str, int],
         verdict: Verdict,
         why: Iterable[str],
+        notes: Iterable[str] = (),
     ) -> dict[str, Any]:
-        """Write `run.json` atomically and return its content."""
+        """Write `run.json` atomically and return its content.
+
+        Args:
+            config: The resolved configuration.
+            inputs: Files that were read.
+            counts: What was done, in numbers.
+            dropped: What was left out, by reason.
+            verdict: How far the result can be trusted.
+            why: Reasons for the verdict.
+            notes: What else a user should know, as sentences.
+        """
         from importlib.metadata import version
 
         content: dict[str, Any] = {
@@ -138,6 +149,7 @@ class RunFolder:
             "dropped": dict(dropped),
             "verdict": str(verdict),
             "why": list(why),
+            **({"notes": said} if (said := list(notes)) else {}),
             "exit_code": verdict.exit_code,
         }
         temporary = self.path / ".run.json.part"

@@ -243,7 +243,8 @@ def _jpeg_pixels(content: bytes, where: str) -> NDArray[Any]:
             pixels = simplejpeg.decode_jpeg(content, wanted, strict=False)
     except ValueError as error:
         raise DecodeError(f"the jpeg image is damaged ({error})", where=where) from error
-    return pixels[:, :, 0] if wanted == "GRAY" else pixels
+    decoded: NDArray[Any] = pixels[:, :, 0] if wanted == "GRAY" else pixels
+    return decoded
 
 
 def _opencv_pixels(content: bytes, file_format: str, where: str) -> NDArray[Any]:

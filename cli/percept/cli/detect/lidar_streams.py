@@ -14,7 +14,7 @@ from percept.core.transform import Transform
 from percept.datasets.recording import Recording
 from percept.lidar.merge import ScanGrouper, merge_clouds, placed_cloud
 
-__all__ = ["LidarStreams", "first_clouds", "plan_streams"]
+__all__ = ["LidarStreams", "ScanFeed", "first_clouds", "plan_streams"]
 
 MERGED_NAME = "lidars"
 
@@ -40,29 +40,35 @@ class LidarStreams:
         """The name of each stream."""
         return (MERGED_NAME,) if self.merged else tuple(sensor.name for sensor in self.sensors)
 
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics of all LiDARs."""
+        return tuple(self.by_topic)
+
+    @property
+    def by_topic(self) -> dict[str, LidarSensor]:
+        """The LiDARs by topic."""
+        return {sensor.topic: sensor for sensor in self.sensors if sensor.topic is not None}
+
     def clouds(
         self, recording: Recording, start_ns: int | None, end_ns: int | None
     ) -> Iterator[tuple[str, PointCloud]]:
         """Yield stream names and clouds in log order, in the base frame where it is known."""
-        samples = recording.samples(
-            topics=[s.topic for s in self.sensors if s.topic is not None],
-            start_ns=start_ns,
-            end_ns=end_ns,
-        )
-        clouds = (sample for sample in samples if isinstance(sample, PointCloud))
-        if not self.merged:
-            by_topic = {sensor.topic: sensor for sensor in self.sensors}
-            for cloud in clouds:
-                sensor = by_topic[cloud.topic]
-                T_base_sensor = sensor.T_base_sensor
-                yield sensor.name, placed_cloud(cloud, T_base_sensor) if T_base_sensor else cloud
-            return
-        places = {s.topic: s.T_base_sensor for s in self.sensors if s.topic and s.T_base_sensor}
-        grouper = ScanGrouper(list(places))
-        for group in grouper.groups(clouds):
-            yield MERGED_NAME, merge_clouds(group, places)
-        self.missing.update(grouper.missing)
-        self.unmatched.update(grouper.unmatched)
+        samples = recording.samples(topics=self.topics, start_ns=start_ns, end_ns=end_ns)
+        feed = ScanFeed(self)
+        for sample in samples:
+            if isinstance(sample, PointCloud):
+                yield from ((name, self.cloud_of(scans)) for name, scans in feed.push(sample))
+        yield from ((name, self.cloud_of(scans)) for name, scans in feed.flush())
+
+    def cloud_of(self, scans: tuple[PointCloud, ...]) -> PointCloud:
+        """Return what detection sees of scans that belong together; for several threads at once."""
+        if self.merged:
+            places = {s.topic: s.T_base_sensor for s in self.sensors if s.topic and s.T_base_sensor}
+            return merge_clouds(scans, places)
+        (scan,) = scans
+        T_base_sensor = self.by_topic[scan.topic].T_base_sensor
+        return placed_cloud(scan, T_base_sensor) if T_base_sensor else scan
 
     def is_in_base(self, name: str) -> bool:
         """Return whether a stream's clouds are in the base frame."""
@@ -70,8 +76,39 @@ class LidarStreams:
 
     def placed(self, name: str) -> Transform | None:
         """Return `T_base_sensor` of a stream; that of the reference for a merged one."""
-        sensor = self.sensors[0] if self.merged else self.sensors[self.names.index(name)]
-        return sensor.T_base_sensor
+        return self.sensor_of(name).T_base_sensor
+
+    def sensor_of(self, name: str) -> LidarSensor:
+        """Return the LiDAR of a stream; the reference for a merged one."""
+        return self.sensors[0] if self.merged else self.sensors[self.names.index(name)]
+
+
+class ScanFeed:
+    """Takes scans one by one, and gives those that belong together as soon as they are complete.
+
+    Args:
+        streams: Where the scans go; what they lack is counted there at the end.
+    """
+
+    def __init__(self, streams: LidarStreams) -> None:
+        self._streams = streams
+        self._names = {topic: sensor.name for topic, sensor in streams.by_topic.items()}
+        self._grouper = ScanGrouper(streams.topics) if streams.merged else None
+
+    def push(self, scan: PointCloud) -> list[tuple[str, tuple[PointCloud, ...]]]:
+        """Take a scan, and return what is complete: names of streams with their scans."""
+        if self._grouper is None:
+            return [(self._names[scan.topic], (scan,))]
+        return [(MERGED_NAME, group) for group in self._grouper.push(scan)]
+
+    def flush(self) -> list[tuple[str, tuple[PointCloud, ...]]]:
+        """Return what is still waiting at the end of the log."""
+        if self._grouper is None:
+            return []
+        groups = [(MERGED_NAME, group) for group in self._grouper.flush()]
+        self._streams.missing.update(self._grouper.missing)
+        self._streams.unmatched.update(self._grouper.unmatched)
+        return groups
 
 
 def plan_streams(

@@ -1,5 +1,7 @@
 """When a detection run is good, doubtful or bad: all limits in one place.
 
+A frame is a scan or an image.
+
 | limit | verdict |
 |---|---|
 | no frame could be judged | bad |
@@ -9,6 +11,8 @@
 | less than 5 % or more than 95 % of all points are ground | doubtful |
 | more than a tenth of the merged scans lack a LiDAR | doubtful |
 | not one object in the whole run | doubtful |
+| an image could not be used | doubtful |
+| a network found nothing in the whole run | doubtful |
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ from dataclasses import dataclass, field
 
 from percept.core.results import Verdict
 
-__all__ = ["RunFacts", "judge"]
+__all__ = ["CameraFacts", "RunFacts", "judge"]
 
 _LARGEST_HEIGHT_SPREAD_M = 0.10
 _LARGEST_HEIGHT_ERROR_M = 0.3
@@ -52,20 +56,72 @@ class RunFacts:
     height_spread_m: Mapping[str, float] = field(default_factory=dict)
 
 
-def judge(facts: RunFacts) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
-    """Return the verdict of a run, its reasons, and advice."""
-    if facts.frames == 0:
-        return Verdict.BAD, ("no scan could be judged",), ("Look with `percept inspect`",)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraFacts:
+    """What the verdict on the camera half rests on.
+
+    Attributes:
+        images: Images that models were to look at, by camera.
+        unusable: How many of them could not be used, by camera.
+        boxes: Boxes of each model over all cameras.
+        losses: What could not be read or decoded, by reason.
+    """
+
+    images: Mapping[str, int]
+    unusable: Mapping[str, int] = field(default_factory=dict)
+    boxes: Mapping[str, int] = field(default_factory=dict)
+    losses: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def looked_at(self) -> int:
+        """Images that could be used."""
+        return sum(self.images.values()) - sum(self.unusable.values())
+
+
+def judge(
+    scans: RunFacts | None, cameras: CameraFacts | None = None
+) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
+    """Return the verdict of a run, its reasons, and advice.
+
+    Args:
+        scans: The LiDAR half, or None where it was not to run.
+        cameras: The camera half, or None where it was not to run.
+    """
     doubts: list[str] = []
     advice: list[str] = []
-    if facts.losses:
-        lost = ", ".join(f"{count} x {reason}" for reason, count in facts.losses.items())
+    judged = 0 if scans is None else scans.frames
+    looked_at = 0 if cameras is None else cameras.looked_at
+    if not judged and not looked_at:
+        nothing = "no scan could be judged" if scans is not None else "no image could be used"
+        return Verdict.BAD, (nothing,), ("Look with `percept inspect`",)
+    losses = {**(scans.losses if scans else {}), **(cameras.losses if cameras else {})}
+    if losses:
+        lost = ", ".join(f"{count} x {reason}" for reason, count in losses.items())
         doubts.append(f"the log could not be read in full: {lost}")
         advice.append("Save a sound copy with `percept inspect LOG --recover OUT`")
+    if scans is not None:
+        _add_scan_doubts(scans, doubts, advice)
+    if cameras is not None:
+        _add_camera_doubts(cameras, doubts, advice)
+    if doubts:
+        return Verdict.DOUBTFUL, tuple(doubts), tuple(dict.fromkeys(advice))
+    parts = [f"{judged} scans were judged"] * bool(judged)
+    parts += [f"{looked_at} images were looked at"] * bool(looked_at)
+    return (
+        Verdict.GOOD,
+        (f"the log was read in full, and {' and '.join(parts)} without a doubt",),
+        (),
+    )
+
+
+def _add_scan_doubts(facts: RunFacts, doubts: list[str], advice: list[str]) -> None:
     heights = _height_doubts(facts)
     if heights:
         doubts += heights
         advice.append("Give the right --sensor-height or a rig, or leave it to be measured")
+    if not facts.frames:
+        doubts.append("no scan could be judged")
+        return
     doubts += _ground_doubts(facts)
     for topic, count in facts.missing.items():
         if count > _LARGEST_MISSING_SHARE * facts.frames:
@@ -74,10 +130,17 @@ def judge(facts: RunFacts) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
     if facts.objects == 0:
         doubts.append(f"not one object in {facts.frames} scans")
         advice.append("Look at the ground and the clusters with `percept view`")
-    if doubts:
-        return Verdict.DOUBTFUL, tuple(doubts), tuple(dict.fromkeys(advice))
-    why = f"the log was read in full, and {facts.frames} scans were judged without a doubt"
-    return Verdict.GOOD, (why,), ()
+
+
+def _add_camera_doubts(facts: CameraFacts, doubts: list[str], advice: list[str]) -> None:
+    for camera, count in facts.unusable.items():
+        if count:
+            doubts.append(f"{count} of {facts.images[camera]} images of {camera} cannot be used")
+            advice.append("See why in the report, under what was left out")
+    for model, count in facts.boxes.items():
+        if not count:
+            doubts.append(f"'{model}' found nothing in {facts.looked_at} images")
+            advice.append("Check the network's --pixels, --layout and --score")
 
 
 def _ground_doubts(facts: RunFacts) -> list[str]:
