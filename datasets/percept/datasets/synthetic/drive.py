@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from percept.core.clock import NS_PER_MS, ns_from_seconds
@@ -38,9 +39,12 @@ from percept.datasets.synthetic.sensor_rig import (
     make_rig,
 )
 from percept.datasets.synthetic.truth import (
+    BOX_COLUMNS,
+    IMAGE_COLUMNS,
     LIGHT_COLUMNS,
     OBJECT_COLUMNS,
     TableStream,
+    box_rows,
     light_rows,
     object_rows,
     write_markings,
@@ -49,6 +53,7 @@ from percept.datasets.synthetic.truth import (
 from percept.datasets.synthetic.world import World
 
 if TYPE_CHECKING:
+    from percept.datasets.synthetic.visible import VisibleBoxes
     from percept.datasets.write import LogFormat
 
 __all__ = ["MAP_ORIGIN", "START_NS", "Drive", "DriveConfig", "DriveSummary", "generate_drive"]
@@ -69,6 +74,8 @@ _MAP_MARGIN_M = 240.0
 _IMAGE_NOISE_SD = 1.5
 
 Progress = Callable[[float], None]
+OnScan = Callable[[int, int, LidarScan], None]
+OnImage = Callable[[str, int, "VisibleBoxes"], None]
 
 
 class DriveConfig(Settings):
@@ -139,6 +146,11 @@ class Drive:
         """Return the stamp of a scan: when the sensor faces its +x."""
         return START_NS + _FIRST_SCAN_NS + number * SCAN_PERIOD_NS + model.phase_ns
 
+    def image_stamp_ns(self, camera: CameraSensor, number: int) -> int:
+        """Return the stamp of an image."""
+        phase_ns = _CAMERA_PHASES_NS[camera.name] * NS_PER_MS
+        return START_NS + phase_ns + number * _CAMERA_PERIOD_NS
+
     def scan(self, sensor: int, number: int) -> LidarScan:
         """Return one scan of one LiDAR with its truth."""
         model, config = self.lidars[sensor], self.config
@@ -147,12 +159,13 @@ class Drive:
         return scan_world(model, self.world, self.ego, stamp_ns, config.noise, rng)
 
     def samples(
-        self, on_scan: Callable[[int, int, LidarScan], None] | None = None
+        self, on_scan: OnScan | None = None, on_image: OnImage | None = None
     ) -> Iterator[Sample]:
         """Yield all samples in the order of their log times.
 
         Args:
             on_scan: Called with sensor number, scan number and scan as each scan is made.
+            on_image: Called with camera, stamp and what is seen as each image is made.
         """
         navigation = Navigation(self.ego, MAP_ORIGIN, self.config.seed, self.config.noise)
         yield from navigation.static_transforms(self.rig)
@@ -161,13 +174,11 @@ class Drive:
             navigation.odometry(self.duration_ns),
             navigation.gnss(self.duration_ns),
             *(self._clouds(i, on_scan) for i in range(len(self.lidars))),
-            *(self._images(camera) for camera in self.cameras),
+            *(self._images(camera, on_image) for camera in self.cameras),
         ]
         yield from merge(*streams, key=lambda sample: sample.log_time_ns)
 
-    def _clouds(
-        self, sensor: int, on_scan: Callable[[int, int, LidarScan], None] | None
-    ) -> Iterator[Sample]:
+    def _clouds(self, sensor: int, on_scan: OnScan | None) -> Iterator[Sample]:
         name = self.lidars[sensor].name
         for number in range(self.scans):
             scan = self.scan(sensor, number)
@@ -175,11 +186,10 @@ class Drive:
                 on_scan(sensor, number, scan)
             yield cloud_of_scan(scan, name)
 
-    def _images(self, camera: CameraSensor) -> Iterator[Sample]:
-        phase_ns = _CAMERA_PHASES_NS[camera.name] * NS_PER_MS
+    def _images(self, camera: CameraSensor, on_image: OnImage | None) -> Iterator[Sample]:
         pinhole = camera.pinhole()
         for number in range(self.scans):
-            stamp_ns = START_NS + phase_ns + number * _CAMERA_PERIOD_NS
+            stamp_ns = self.image_stamp_ns(camera, number)
             head: dict[str, Any] = {
                 "stamp_ns": stamp_ns,
                 "log_time_ns": stamp_ns + _CAMERA_DELAY_NS,
@@ -193,23 +203,26 @@ class Drive:
                 distortion=pinhole.distortion,
                 **head,
             )
-            yield self._image(camera, number, head)
+            pixels, boxes = self.picture(camera, number)
+            if on_image is not None:
+                on_image(camera.name, stamp_ns, boxes)
+            yield CameraImage(topic=camera.topic or "", pixels=pixels, encoding="jpeg", **head)
 
-    def _image(self, camera: CameraSensor, number: int, head: dict[str, Any]) -> CameraImage:
-        from percept.datasets.synthetic.render import RenderConfig, render_image
-        from percept.datasets.synthetic.street_mesh import street_mesh
+    def picture(self, camera: CameraSensor, number: int) -> tuple[NDArray[np.uint8], VisibleBoxes]:
+        """Return one image of one camera, (height, width, 3) uint8 BGR, and what it shows."""
+        from percept.datasets.synthetic.render import RenderConfig
+        from percept.datasets.synthetic.visible import picture_with_boxes
 
         config = self.config
-        time_s = float(self.ego.seconds(head["stamp_ns"]))
+        time_s = float(self.ego.seconds(self.image_stamp_ns(camera, number)))
         T_map_base = Transform("map", BASE, self.ego.poses(np.array([time_s]))[0])
         T_base_cam = camera.T_base_sensor or Transform.identity(BASE, camera.frame)
         light = RenderConfig.model_validate(
             {"noise_sd": _IMAGE_NOISE_SD * config.noise, "seed": self._image_seed(camera, number)}
         )
-        mesh = street_mesh(self.world, time_s, float(T_map_base.translation_m[0]))
         T_cam_map = (T_map_base @ T_base_cam).inverse()
-        pixels = render_image(mesh, camera.pinhole(), T_cam_map, light)
-        return CameraImage(topic=camera.topic or "", pixels=pixels, encoding="jpeg", **head)
+        x_m = float(T_map_base.translation_m[0])
+        return picture_with_boxes(self.world, camera.pinhole(), T_cam_map, time_s, x_m, light)
 
     def _image_seed(self, camera: CameraSensor, number: int) -> int:
         """Return a seed of its own for every image of every camera."""
@@ -247,9 +260,16 @@ def generate_drive(
         LogWriter(log, log_format, images="jpeg") as writer,
         TableStream(truth / "objects.parquet", OBJECT_COLUMNS) as objects,
         TableStream(truth / "lights.parquet", LIGHT_COLUMNS) as lights,
+        TableStream(truth / "boxes_2d.parquet", BOX_COLUMNS) as boxes,
+        TableStream(truth / "images_2d.parquet", IMAGE_COLUMNS) as images,
     ):
         ledger = _TruthLedger(drive, objects, lights)
-        for sample in drive.samples(ledger.add):
+
+        def on_image(camera: str, stamp_ns: int, seen: VisibleBoxes) -> None:
+            images.write([{"stamp_ns": stamp_ns, "camera": camera}])
+            boxes.write(box_rows(camera, stamp_ns, seen))
+
+        for sample in drive.samples(ledger.add, on_image):
             writer.write(sample)
             counts[sample.topic] += 1
             if progress is not None:

@@ -8,6 +8,7 @@ are no cast shadows.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,12 +19,12 @@ from percept.core.cameras import PinholeCamera
 from percept.core.errors import GeometryError
 from percept.core.settings import Settings
 from percept.core.transform import Transform
-from percept.datasets.synthetic.camera import undistorted_view
+from percept.datasets.synthetic.camera import UndistortedView, undistorted_view
 from percept.datasets.synthetic.edge_kernels import settle_edges
 from percept.datasets.synthetic.mesh import Mesh
 from percept.datasets.synthetic.render_kernels import Lighting, gather, rasterise, shine
 
-__all__ = ["RenderConfig", "render_image"]
+__all__ = ["Rasterised", "RenderConfig", "rasterised", "render_image", "shaded"]
 
 # A layer brings a face this share of its depth nearer: more than rounding, less than a sheet
 # of paper at the distances where anything of it is seen.
@@ -80,14 +81,57 @@ def render_image(
     Raises:
         GeometryError: If a vertex is not finite, or the lens's distortion has no inverse.
     """
+    seen = rasterised(mesh_map, camera, T_cam_map, config.supersampling)
+    return shaded(mesh_map, seen, T_cam_map, config)
+
+
+class Rasterised(NamedTuple):
+    """What each sample of an undistorted view shows, before any light.
+
+    Attributes:
+        view: The grid of samples.
+        vertices_cam: (V, 3) float64 vertices of the mesh in the optical frame, metres.
+        inverse_depth: (H, W) float32, 1/m; zero where nothing is.
+        face_at: (H, W) int32 index of the face that is seen, -1 for none.
+    """
+
+    view: UndistortedView
+    vertices_cam: NDArray[np.float64]
+    inverse_depth: NDArray[np.float32]
+    face_at: NDArray[np.int32]
+
+
+def rasterised(
+    mesh_map: Mesh, camera: PinholeCamera, T_cam_map: Transform, supersampling: int
+) -> Rasterised:
+    """Find the nearest face at every sample; see `render_image`.
+
+    Raises:
+        GeometryError: If a vertex is not finite, or the lens's distortion has no inverse.
+    """
     if not np.isfinite(mesh_map.vertices).all():
         raise GeometryError("a vertex of the mesh is not finite")
-    view = undistorted_view(camera, config.supersampling)
+    view = undistorted_view(camera, supersampling)
     vertices_cam = T_cam_map.apply(mesh_map.vertices)
     inverse_depth = np.zeros((view.height, view.width), np.float32)
     face_at = np.full((view.height, view.width), -1, np.int32)
     bias = 1.0 + _LAYER_STEP * mesh_map.layer.astype(np.float64)
     rasterise(vertices_cam, mesh_map.faces, bias, view.grid, inverse_depth, face_at)
+    return Rasterised(view, vertices_cam, inverse_depth, face_at)
+
+
+def shaded(
+    mesh_map: Mesh, seen: Rasterised, T_cam_map: Transform, config: RenderConfig
+) -> NDArray[np.uint8]:
+    """Light what was rasterised, and return the picture; see `render_image`.
+
+    Args:
+        mesh_map: The mesh that was rasterised.
+        seen: What `rasterised` found with the supersampling of `config`.
+        T_cam_map: From the map into the optical frame.
+        config: Light and sensor.
+    """
+    view, vertices_cam, inverse_depth, face_at = seen
     up = T_cam_map.rotation[:, 2]
     lighting = Lighting(
         _face_light(mesh_map, T_cam_map.inverse().translation_m, config),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from percept.datasets.synthetic.terrain import (
 from percept.datasets.synthetic.tessellate import mesh_of_quads, mesh_of_shape
 from percept.datasets.synthetic.world import World
 
-__all__ = ["PAINT_LAYER", "street_mesh"]
+__all__ = ["PAINT_LAYER", "StreetPart", "street_mesh", "street_parts"]
 
 PAINT_LAYER = 1
 
@@ -43,18 +44,40 @@ def street_mesh(world: World, time_s: float, x_m: float, reach_m: float = 110.0)
     The same surfaces as the rays of the LiDARs meet; windows on the buildings are paint that
     only cameras see.
     """
+    return joined([part.mesh_map for part in street_parts(world, time_s, x_m, reach_m)])
+
+
+class StreetPart(NamedTuple):
+    """A part of the street with its owner.
+
+    Attributes:
+        mesh_map: Triangles in the map frame.
+        placed: The object or signal head that they are; None for ground and paint.
+        lamp: For a signal head the lamp that shines, `red`, `yellow`, `green` or `off`.
+    """
+
+    mesh_map: Mesh
+    placed: Placed | None = None
+    lamp: str = ""
+
+
+def street_parts(
+    world: World, time_s: float, x_m: float, reach_m: float = 110.0
+) -> Iterator[StreetPart]:
+    """Yield what `street_mesh` joins, in the same order."""
     span = (x_m - reach_m, x_m + reach_m)
-    parts = [*_ground(world.profile, span), *_paint(world, x_m, reach_m)]
+    for mesh in (*_ground(world.profile, span), *_paint(world, x_m, reach_m)):
+        yield StreetPart(mesh)
     for placed in world.objects(time_s, x_m, reach_m):
         T_map_object = world.place(placed, time_s)
-        parts.append(_moved(mesh_of_shape(placed.shape), T_map_object))
+        yield StreetPart(_moved(mesh_of_shape(placed.shape), T_map_object), placed)
         if placed.shape.label == "building":
-            parts.append(_moved(_windows(placed), T_map_object))
+            yield StreetPart(_moved(_windows(placed), T_map_object), placed)
     for signal in world.signals(x_m, reach_m):
         state = signal.plan.at(time_s)
         head = make_signal(state.colour if state.lit else None)
-        parts.append(_moved(mesh_of_shape(head), world.place(signal.head, time_s)))
-    return joined(parts)
+        mesh = _moved(mesh_of_shape(head), world.place(signal.head, time_s))
+        yield StreetPart(mesh, signal.head, state.colour if state.lit else "off")
 
 
 def _moved(mesh: Mesh, T_map_object: NDArray[np.float64]) -> Mesh:

@@ -1,0 +1,1 @@
+"""The training of the detector that ships; see `scripts/train-detector`."""
