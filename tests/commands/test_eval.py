@@ -163,7 +163,9 @@ def test_nothing_to_find_ends_with_4(run: Run, tmp_path: Path) -> None:
     (tmp_path / "label_2" / "a.txt").write_text(
         "DontCare -1 -1 -10 0 0 9 9 -1 -1 -1 -1000 -1000 -1000 -10\n"
     )
-    sides = ("--detections", tmp_path, "--labels", tmp_path)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "a.txt").write_text("Car 0 0 0 20 20 60 50 1 1 1 0 0 9 0 0.5\n")
+    sides = ("--detections", tmp_path / "data", "--labels", tmp_path)
     done = run("eval", "detections", *sides, "--out", tmp_path / "out")
     assert done.exit_code == 4
     assert "verdict: bad" in done.stdout

@@ -14,7 +14,7 @@ from made_images import make_image
 
 from percept.core.results import Verdict
 from percept.detection.result import ImageResult
-from percept.export.camera_report import CameraPart
+from percept.export.camera_report import CameraReport
 from percept.export.camera_summary import CameraSummary
 from percept.export.detection_report import detection_report
 from percept.export.detection_summary import DetectionSummary
@@ -57,8 +57,8 @@ def summary(images: list[ImageResult]) -> CameraSummary:
     return gathered
 
 
-def _part(summary: CameraSummary) -> CameraPart:
-    return CameraPart(
+def _part(summary: CameraSummary) -> CameraReport:
+    return CameraReport(
         summary=summary,
         models={"near": _NEAR, "far": {**_NEAR, "every": 5, "rectangles": True}},
         warnings=["near found nothing with bgr255"],
@@ -208,7 +208,7 @@ def test_names_from_strangers_cannot_break_out(tmp_path: Path) -> None:
     summary = CameraSummary((_HOSTILE,))
     summary.add(replace(image, boxes={_HOSTILE: found}))
     summary.add(make_image(1, camera=_HOSTILE, failure=_HOSTILE))
-    part = CameraPart(
+    part = CameraReport(
         summary=summary,
         models={_HOSTILE: {**_NEAR, "why": [_HOSTILE], "layout": _HOSTILE, "path": _HOSTILE}},
         warnings=[_HOSTILE],

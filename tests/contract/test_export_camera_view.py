@@ -177,6 +177,18 @@ def test_images_are_thinned_to_the_budget(tmp_path: Path) -> None:
     assert any("draws one image in 3 of each camera" in note for note in notes)
 
 
+def test_images_of_a_rare_model_are_drawn_where_images_are_thinned(tmp_path: Path) -> None:
+    """Every sixth image has both models, and with a stride of four none of these had its turn."""
+    path = tmp_path / "view.rrd"
+    models = [("near", "far") if i % 6 == 3 else ("near",) for i in range(24)]
+    images = [make_image(i, models=both) for i, both in enumerate(models)]
+    _write(path, images, budget_bytes=6 * (400 * 225 // 4 + 4_000 * 12))
+    rows = _rows_by_entity(path)
+    assert rows[f"{_IN_3D}/image"] == 5 + 1
+    drawn = [row["image"] for row in _values(path, f"{_IN_3D}/image")]
+    assert len([i for i in drawn if i % 6 == 3]) == 1
+
+
 def test_scans_and_images_share_a_view(
     make_scan: Callable[..., ScanResult], tmp_path: Path
 ) -> None:

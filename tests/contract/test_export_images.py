@@ -16,7 +16,8 @@ from rosbags.highlevel import AnyReader
 
 from percept.core.errors import UsageError
 from percept.detection.result import ImageResult
-from percept.export.finished import image_of
+from percept.export.finished import finished_image, image_of
+from percept.export.image_table import image_rows
 from percept.export.journal import FrameJournal, ImageJournal
 from percept.export.overlay import OverlayWriter
 from percept.export.tables import DETECTIONS_2D, detections_2d_table, write_parquet
@@ -208,3 +209,23 @@ class TestOverlay:
                 journal.append(image)
             again = [image_of(finished, rows) for finished, rows in journal.read()]
         assert self.write(tmp_path / "b.mcap", again).read_bytes() == first
+
+
+def test_the_table_of_images_says_who_looked_and_what_failed() -> None:
+    whole = make_image(0, models=("near", "far"))
+    partly = replace(make_image(1, models=("near",)), failure="far: no numbers")
+    broken = make_image(2, failure="the JPEG is cut")
+    rows = [row for image in (whole, partly, broken) for row in _looks(image)]
+    assert rows == [
+        (0, "near", None),
+        (0, "far", None),
+        (1, "near", None),
+        (1, None, "far: no numbers"),
+        (2, None, "the JPEG is cut"),
+    ]
+
+
+def _looks(image: ImageResult) -> list[tuple[int, str | None, str | None]]:
+    rows = image_rows(finished_image(image)).to_pylist()
+    assert {(row["stamp_ns"], row["camera"]) for row in rows} == {(image.stamp_ns, image.camera)}
+    return [(row["frame"], row["model"], row["failure"]) for row in rows]

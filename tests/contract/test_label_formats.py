@@ -241,7 +241,9 @@ def test_yolo_detections_borrow_names_and_sizes_from_the_labels(tmp_path: Path) 
     for picture in (bare.parent / "images").rglob("*.png"):
         picture.unlink()
     found = read_detections(bare, "yolo", truth)
-    assert score_boxes(truth, found).average.ap50 > 0.5
+    scores = score_boxes(truth, found)
+    assert scores.average.ap50 > 0.5
+    assert any("taken for those of the labels" in note for note in scores.notes)
 
 
 def test_coco_crowds_and_kitti_dont_care_are_regions(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -346,3 +346,97 @@ def test_a_labelled_image_checks_its_boxes(
 ) -> None:
     with pytest.raises((GeometryError, ValueError), match=f"{message}|reshape"):
         LabelledImage.of("a", boxes, labels)
+
+
+_GRID = [(k // 6 * 200.0 + 20, k % 6 * 100.0 + 30) for k in range(36)]
+
+
+def _written(
+    read: Callable[[float, float, float, float], tuple[float, ...]],
+    *,
+    size: tuple[int, int] | None = (1280, 720),
+    scored: bool = True,
+) -> LabelSet:
+    """Return boxes in 36 images as a file has them that was written in one way and read as xywh."""
+    images = []
+    for k, (x, y) in enumerate(_GRID * 3):
+        x1, y1, width, height = read(x, y, x + 60, y + 40)
+        box = ("car", (x1, y1, x1 + width, y1 + height), 0.5 + k / 1000)
+        images.append(_image(f"{k}", box[: 2 + scored], image_size=size))
+    return _set(*images)
+
+
+def _xywh(x1: float, y1: float, x2: float, y2: float) -> tuple[float, ...]:
+    return (x1, y1, x2 - x1, y2 - y1)
+
+
+def _xyxy(*corners: float) -> tuple[float, ...]:
+    return corners
+
+
+def _centre(x1: float, y1: float, x2: float, y2: float) -> tuple[float, ...]:
+    return ((x1 + x2) / 2, (y1 + y2) / 2, x2 - x1, y2 - y1)
+
+
+def _shares(*corners: float) -> tuple[float, ...]:
+    return tuple(value / 1280 for value in _xywh(*corners))
+
+
+@pytest.mark.parametrize(
+    ("labels", "detections", "size", "doubt"),
+    [
+        (_xywh, _xywh, (1280, 720), None),
+        (_xywh, _xywh, None, None),
+        (_xyxy, _xyxy, (1280, 720), "labels: 60 of 108 boxes reach beyond their image"),
+        (_xywh, _xyxy, (1280, 720), "detections: 60 of 108 boxes reach beyond their image"),
+        (_xyxy, _xyxy, None, "labels: sizes of boxes are like corners"),
+        (_shares, _shares, (1280, 720), "labels: all boxes are within 2 pixels"),
+        (_xywh, _shares, None, "detections: all boxes are within 2 pixels"),
+        (_xywh, _centre, None, "of 108 detections 0 lie on an object"),
+    ],
+)
+def test_boxes_that_are_written_in_another_way_make_the_figures_doubtful(
+    labels: Callable[..., tuple[float, ...]],
+    detections: Callable[..., tuple[float, ...]],
+    size: tuple[int, int] | None,
+    doubt: str | None,
+) -> None:
+    truth = _written(labels, size=size, scored=False)
+    scores = score_boxes(truth, _written(detections, size=size))
+    assert scores.verdict is (Verdict.GOOD if doubt is None else Verdict.DOUBTFUL)
+    assert doubt is None or any(reason.startswith(doubt) for reason in scores.why), scores.why
+
+
+def test_classes_that_are_numbered_differently_make_the_figures_doubtful() -> None:
+    names = ("bicycle", "car", "bus")
+    truth = [_image(f"{k}", (names[k % 2], _CAR)) for k in range(120)]
+    found = [_image(f"{k}", (names[k % 2 + 1], _CAR, 0.3 + k / 1000)) for k in range(120)]
+    scores = score_boxes(_set(*truth), _set(*found))
+    assert scores.verdict is Verdict.DOUBTFUL
+    assert any(reason.startswith("of the objects 60 are taken for") for reason in scores.why)
+
+
+def test_labels_with_confidences_may_be_detections() -> None:
+    scores = score_boxes(_written(_xywh), _written(_xywh))
+    assert scores.why == ("the labels have confidences: are they detections?",)
+
+
+def test_images_of_other_folders_and_images_without_a_detection_are_doubted() -> None:
+    truth = [_image(f"drive1/{k}", ("car", _CAR)) for k in range(120)]
+    for folder, seen, doubt in (
+        ("drive1/", 120, None),
+        ("", 120, None),
+        ("drive2/", 120, "from folders of other names (120), such as 'drive1/0' with 'drive2/0'"),
+        ("drive1/", 90, "30 of 120 images with objects have no detection"),
+        ("drive1/", 97, None),
+    ):
+        found = [_image(f"{folder}{k}", ("car", _CAR, 0.3 + k / 1000)) for k in range(seen)]
+        scores = score_boxes(_set(*truth), _set(*found, complete=False))
+        assert scores.verdict is (Verdict.GOOD if doubt is None else Verdict.DOUBTFUL)
+        assert doubt is None or any(doubt in reason for reason in scores.why), scores.why
+
+
+def test_detections_with_regions_are_labels() -> None:
+    truth = _set(_image("a", ("car", _CAR)))
+    with pytest.raises(InputError, match="regions to ignore"):
+        score_boxes(truth, _set(_image("a", (ANY_LABEL, _CAR), ignore=[True])))

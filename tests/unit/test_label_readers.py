@@ -7,13 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from percept.core.errors import InputError, UsageError
-from percept.core.labels import LabelSet
+from percept.core.labels import LabelledImage, LabelSet
 from percept.datasets.labels import LabelFormat, label_format, read_detections, read_labels
 
 _KITTI = "Car 0 0 0 {} 1.5 1.6 4 3 1.5 4 0"
@@ -188,6 +189,18 @@ def test_yolo_trees_keep_their_folders_in_the_names(tmp_path: Path) -> None:
     assert [image.name for image in below.images] == ["a"]
 
 
+def test_the_size_that_is_passed_is_of_images_that_are_not_there(tmp_path: Path) -> None:
+    path = _yolo(tmp_path, "0 0.5 0.5 0.1 0.1 0.9")
+    known = LabelSet((LabelledImage.of("a", image_size=(300, 200)),))
+    for size in ((300, 200), (100, 50)):  # that of the labels, then that of the image itself
+        (image,) = read_detections(path, "yolo", known, image_size=(640, 400)).images
+        assert image.image_size == size
+        (path / "images").mkdir(exist_ok=True)
+        assert cv2.imwrite(str(path / "images" / "a.png"), np.zeros((50, 100), np.uint8))
+    (image,) = read_detections(path / "labels", "yolo", LabelSet(())).images
+    assert image.image_size == (100, 50)
+
+
 def test_bad_yolo_boxes_are_counted(tmp_path: Path) -> None:
     lines = "0 0.5 0.5 0.1 0.1\n0 nan 0.5 0.1 0.1\n1 0.5 0.5 -0.1 0.1\n1 0.5 0.5 0 0.1\n"
     labels = read_labels(_yolo(tmp_path, lines), "yolo", image_size=(640, 400))
@@ -218,6 +231,39 @@ def test_class_names_are_found_beside_or_above(tmp_path: Path) -> None:
     (tmp_path / "labels" / "classes.txt").write_text("car\ntraffic light\n")
     labels = read_labels(tmp_path / "labels", "yolo", image_size=(64, 40))
     assert [image.labels for image in labels.images] == [("traffic light",)]
+
+
+def test_files_of_windows_are_read(tmp_path: Path) -> None:
+    mark = b"\xef\xbb\xbf"
+    path = _yolo(tmp_path, "")
+    (path / "data.yaml").unlink()
+    (path / "classes.txt").write_bytes(mark + b"car\r\ndeer\r\n\r\n")
+    (path / "labels" / "a.txt").write_bytes(mark + b"1 0.5 0.5 0.1 0.1\r\n0 0.5 0.5 0.2 0.2\r\n")
+    (path / "labels" / "b.TXT").write_bytes(b"1 0.5 0.5 0.1 0.1")
+    truth = read_labels(path, "yolo", image_size=(640, 400))
+    assert [image.labels for image in truth.images] == [("deer", "car"), ("deer",)]
+    instances, results = tmp_path / "instances.json", tmp_path / "results.json"
+    instances.write_bytes(mark + json.dumps(_coco()).encode())
+    one = {"image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4], "score": 0.5}
+    results.write_bytes(mark + json.dumps([one]).encode())
+    found = read_detections(results, "coco", read_labels(instances, "coco"))
+    assert [len(image) for image in found.images] == [1]
+
+
+@pytest.mark.parametrize("names", ["\ncar\ndeer\n", "car\n\ndeer\n", "\n"])
+def test_lines_between_class_names_may_be_classes_too(names: str, tmp_path: Path) -> None:
+    path = _yolo(tmp_path, "0 0.5 0.5 0.1 0.1")
+    (path / "data.yaml").unlink()
+    (path / "classes.txt").write_text(names)
+    with pytest.raises(InputError, match=r"classes\.txt: has (empty lines|no class names)"):
+        read_labels(path, "yolo", image_size=(640, 400))
+
+
+def test_numbers_of_coco_categories_do_not_name_the_classes_of_yolo(tmp_path: Path) -> None:
+    path = _yolo(tmp_path, "1 0.5 0.5 0.1 0.1 0.9")
+    (path / "data.yaml").unlink()
+    with pytest.raises(InputError, match="has no class names"):
+        read_detections(path, "yolo", _read_coco(tmp_path, _coco()), image_size=(640, 400))
 
 
 @pytest.mark.parametrize(
@@ -283,6 +329,29 @@ def test_images_that_were_looked_at_are_known_by_network(tmp_path: Path) -> None
     assert [(image.name, len(image)) for image in found.images] == [("front/5", 1), ("front/6", 0)]
     found = read_detections(run, "parquet", LabelSet(()), model="a")
     assert [image.name for image in found.images] == ["front/5", "front/6"]
+
+
+def test_a_network_that_found_nothing_is_known(tmp_path: Path) -> None:
+    run = _table(tmp_path, _ROW)
+    looks = {"stamp_ns": [5, 5], "camera": ["front"] * 2, "model": ["a", "b"]}
+    pq.write_table(pa.table(looks), tmp_path / "images_2d.parquet")
+    found = read_detections(run, "parquet", LabelSet(()), model="b")
+    assert [(image.name, len(image)) for image in found.images] == [("front/5", 0)]
+    with pytest.raises(UsageError, match=r"Models: \['a', 'b'\]"):
+        read_detections(run, "parquet", LabelSet(()), model="c")
+
+
+def test_images_that_cannot_be_told_apart_are_left_out(tmp_path: Path) -> None:
+    run = _table(tmp_path, _ROW, {**_ROW, "stamp_ns": 6}, {**_ROW, "stamp_ns": 7})
+    looks = {"stamp_ns": [5, 6, 6, 6], "camera": ["front"] * 4, "model": ["a", "a", "b", "a"]}
+    pq.write_table(pa.table(looks), tmp_path / "images_2d.parquet")
+    for model, names in ((None, ["front/5"]), ("a", ["front/5"]), ("b", ["front/6"])):
+        found = read_detections(run, "parquet", LabelSet(()), model=model)
+        assert [image.name for image in found.images] == names
+        assert found.dropped == ({} if model == "b" else {
+            "images with the camera and the stamp of another": 1,
+            "boxes in images that images_2d.parquet does not list": 2,
+        })  # fmt: skip
 
 
 def test_bad_rows_are_counted(tmp_path: Path) -> None:

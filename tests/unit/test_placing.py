@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from percept.cli.detect.camera_part import CameraPart
 from percept.core.cameras import make_camera
 from percept.core.errors import GeometryError
 from percept.core.results import Detections2D, Detections3D
@@ -15,6 +18,8 @@ from percept.core.samples import CameraImage, PointCloud
 from percept.core.transform import Transform
 from percept.detection.images.undistort import Undistorter
 from percept.detection.result import ImageResult
+from percept.detection.runner import ImageDetector
+from percept.detection.schedule import ModelSchedule
 from percept.detection.space.lensless import LenslessDetector
 from percept.detection.space.placing import BoxPlacer, CameraPlace, PlacedImage
 from percept.lidar.result import ScanResult
@@ -59,6 +64,11 @@ def _place(*, depth: bool = False) -> CameraPlace:
     )
 
 
+def _pixels(size: tuple[int, int]) -> CameraImage:
+    pixels = np.zeros((size[1], size[0], 3), np.uint8)
+    return CameraImage(topic="/cam", stamp_ns=0, log_time_ns=0, pixels=pixels)
+
+
 def _placed(placer: BoxPlacer, image: ImageResult, depth: CameraImage | None) -> PlacedImage:
     matches = [*placer.add_image(image), *placer.add_scan(_scan(10.0))]
     matches += placer.add_depth("cam", depth) if depth is not None else []
@@ -94,6 +104,22 @@ def test_a_depth_image_that_cannot_be_used_is_counted() -> None:
     assert placed.result.positions["one"].sources == ("",)
     ((reason, count),) = placer.dropped.items()
     assert (count, reason.startswith("/depth: ")) == (1, True)
+
+
+def test_an_image_of_another_size_than_the_lens_has_no_places_and_is_counted() -> None:
+    placer = BoxPlacer({"cam": _place()}, 100 * _MS)
+    for size, located in {(320, 200): 1, (640, 400): 0, (200, 320): 0}.items():
+        placed = _placed(placer, replace(_image(_MIDDLE), image=_pixels(size)), None)
+        assert len(placed.result.positions) == len(placed.scans) == located
+        assert len(placed.result.boxes["one"]) == 1
+    broken = replace(_image(models=()), image=_pixels((200, 320)), failure="one: no numbers")
+    assert not _placed(placer, broken, None).scans  # and it is not counted twice
+    assert placer.dropped == {
+        "images of cam without places: they have 640x400 pixels, and the lens is known for "
+        "320x200": 1,
+        "images of cam without places: they have 200x320 pixels, and the lens is known for "
+        "320x200": 1,
+    }
 
 
 def test_images_of_other_cameras_pass_without_places() -> None:
@@ -137,3 +163,20 @@ def test_boxes_without_a_lens_come_back_in_the_recorded_image() -> None:
     assert timings_ms["prepare"] > 1.0
     with pytest.raises(GeometryError, match="undistorted"):
         detector.detect_one(np.zeros((50, 320, 3), np.uint8))
+
+
+def test_a_run_says_what_of_the_image_no_network_sees() -> None:
+    K = np.array([[90.0, 0, 159.5], [0, 90, 99.5], [0, 0, 1]])
+    fisheye = make_camera("fisheye", (320, 200), K, [0] * 4)
+    detectors: dict[str, dict[str, ImageDetector]] = {
+        camera: {"one": LenslessDetector(_Fixed(_MIDDLE), Undistorter(lens))}
+        for camera, lens in (("wide", fisheye), ("plain", _CAMERA))
+    }
+    part = CameraPart(
+        cameras={}, models=(), schedule=ModelSchedule({"one": 1}), detectors=detectors,
+        messages_in_log=0, images_expected=0,
+    )  # fmt: skip
+    (note,) = part.notes
+    share = re.fullmatch(r"wide: an image without its lens shows (\d+)% of .*", note)
+    assert share is not None
+    assert 10 < int(share[1]) < 99

@@ -10,7 +10,7 @@ from percept.export.charts import histogram
 from percept.export.detection_summary import band_name
 from percept.export.report import Block, Paragraph, Section, Table, svg_picture
 
-__all__ = ["CameraPart", "camera_sections"]
+__all__ = ["CameraReport", "camera_sections"]
 
 _ROWS = 100
 _BARS = 8
@@ -18,13 +18,13 @@ _STAGES = ("prepare", "network", "boxes", "total")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CameraPart:
+class CameraReport:
     """What a report says about cameras.
 
     Attributes:
         summary: What was gathered image by image.
-        models: By network, how it is read, as `YoloDetector.describe` says it, and as `every`
-            how manieth image of a camera it looks at.
+        models: By network, how it is read, as `YoloDetector.describe` says it, and `every`: it
+            looks at one image of a camera in so many.
         warnings: What a look at the first images of each camera gave cause for.
         wall_s: Seconds that this session took for its images.
         workers: Images that were worked on at once.
@@ -37,7 +37,7 @@ class CameraPart:
     workers: int
 
 
-def camera_sections(part: CameraPart) -> tuple[Section, ...]:
+def camera_sections(part: CameraReport) -> tuple[Section, ...]:
     """Return the sections of a report that are about cameras."""
     summary = part.summary
     return (
@@ -130,7 +130,7 @@ def _cameras(summary: CameraSummary) -> Block:
     return Table(("camera", "images", "cannot be used", "pixels", "boxes"), rows)
 
 
-def _speed(part: CameraPart) -> list[Block]:
+def _speed(part: CameraReport) -> list[Block]:
     summary = part.summary
     rows = tuple(
         _speed_row(part, model, camera)
@@ -154,7 +154,7 @@ def _speed(part: CameraPart) -> list[Block]:
     return [Paragraph(text), table]
 
 
-def _speed_row(part: CameraPart, model: str, camera: str) -> tuple[str, ...]:
+def _speed_row(part: CameraReport, model: str, camera: str) -> tuple[str, ...]:
     totals = part.summary.totals[camera, model]
     total_ms = totals.stages["total"].total_ms if "total" in totals.stages else 0.0
     decode = part.summary.cameras[camera].decode
@@ -170,14 +170,14 @@ def _speed_row(part: CameraPart, model: str, camera: str) -> tuple[str, ...]:
     )
 
 
-def _reading(part: CameraPart) -> list[Block]:
+def _reading(part: CameraReport) -> list[Block]:
     names = ("layout", "pixels", "fit", "class_count", "device")
     models = tuple(
         (
             model,
             str(found.get("path", "")),
             _size(found),
-            *(str(found.get(name, "")) for name in names),
+            *(str(found.get(name) or "") for name in names),
         )
         for model, found in part.models.items()
     )

@@ -6,11 +6,11 @@ They share the dark card of the pictures from above and the colours of the class
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from html import escape
 
 from percept.core.errors import GeometryError
-from percept.export.palette import class_colour, hex_colour
+from percept.export.palette import class_colours, hex_colour
 
 __all__ = ["histogram", "share_curves", "timeline"]
 
@@ -49,7 +49,8 @@ def histogram(
         raise GeometryError(f"'{title}' needs a count for each of its {len(bins)} bins")
     sums = [sum(row[k] for row in counts.values()) for k in range(len(bins))]
     ticks = _ticks(max(sums, default=0), whole=True)
-    legend = list(_legend(counts))
+    colours = _colours(counts)
+    legend = list(_legend(colours))
     top = _TOP + (20 * (1 + (len(legend) - 1) // 6) if legend else 0)
     bottom = top + _BARS_HEIGHT
     body = [*legend, *_grid(ticks, top, _BARS_HEIGHT)]
@@ -60,7 +61,8 @@ def histogram(
             height = _BARS_HEIGHT * row[k] / ticks[-1]
             y -= height
             if row[k]:
-                body.append(_bar(x, y, 0.76 * step, height, label, f"{label}, {name}: {row[k]}"))
+                said = f"{label}, {name}: {row[k]}"
+                body.append(_bar(x, y, 0.76 * step, height, colours[label], said))
         body.append(_text(x + 0.38 * step, bottom + 18, name, "mid"))
     body.append(_text(_LEFT + _PLOT / 2, bottom + 40, x_label, "mid"))
     return _document(title, bottom + 54, body)
@@ -122,14 +124,15 @@ def share_curves(
     if any(len(xs) != len(ys) for xs, ys in curves.values()):
         raise GeometryError(f"'{title}' needs as many values to the right as up")
     ticks = _ticks(1.0)
-    legend = list(_legend(curves))
+    colours = _colours(curves)
+    legend = list(_legend(colours))
     top = _TOP + 20 * ((len(legend) + 5) // 6) + 18
     bottom = top + _CURVES_HEIGHT
     body = [*legend, _text(_LEFT, top - 8, y_label), *_grid(ticks, top, _CURVES_HEIGHT)]
     for label, (xs, ys) in curves.items():
         places = [_LEFT + _PLOT * x for x in xs]
         heights = [top + _CURVES_HEIGHT * (1 - y) for y in ys]
-        body += _line(places, heights, hex_colour(class_colour(label)))
+        body += _line(places, heights, colours[label])
     body += [_text(_LEFT + _PLOT * t, bottom + 18, f"{t:g}", "mid") for t in ticks]
     body.append(_text(_LEFT + _PLOT / 2, bottom + 40, x_label, "mid"))
     return _document(title, bottom + 54, body)
@@ -145,11 +148,16 @@ def _ticks(highest: float, *, most: int = 5, whole: bool = False) -> list[float]
     return [round(k * step, 10) for k in range(count + 1)]
 
 
-def _legend(labels: Mapping[str, object]) -> Iterator[str]:
-    for k, label in enumerate(labels):
+def _colours(labels: Collection[str]) -> dict[str, str]:
+    rgb = class_colours(labels)
+    return {label: hex_colour(rgb[label]) for label in labels}
+
+
+def _legend(colours: Mapping[str, str]) -> Iterator[str]:
+    for k, (label, colour) in enumerate(colours.items()):
         x, y = _LEFT + (k % 6) * _PLOT / 6, _TOP + 20 * (k // 6)
         name = label if len(label) <= 13 else f"{label[:12]}\u2026"
-        yield _bar(x, y - 10, 11, 11, label, label) + _text(x + 17, y, name)
+        yield _bar(x, y - 10, 11, 11, colour, label) + _text(x + 17, y, name)
 
 
 def _grid(ticks: Sequence[float], top: float, height: float) -> Iterator[str]:
@@ -174,8 +182,7 @@ def _line(xs: Sequence[float], ys: Sequence[float], colour: str) -> Iterator[str
             run = []
 
 
-def _bar(x: float, y: float, width: float, height: float, label: str, title: str) -> str:
-    fill = hex_colour(class_colour(label))
+def _bar(x: float, y: float, width: float, height: float, fill: str, title: str) -> str:
     return (
         f'<rect x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" fill="{fill}">'
         f"<title>{escape(title)}</title></rect>"

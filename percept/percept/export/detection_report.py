@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from percept.core.clock import iso_from_ns, seconds_from_ns
 from percept.core.results import Verdict
-from percept.export.camera_report import CameraPart, camera_sections
+from percept.export.camera_report import CameraReport, camera_sections
 from percept.export.camera_summary import CameraSummary
 from percept.export.charts import histogram, timeline
 from percept.export.detection_summary import DetectionSummary, band_name
@@ -48,7 +48,7 @@ def detection_report(
     settings: Mapping[str, object],
     losses: Mapping[str, int] | None = None,
     notes: Sequence[str] = (),
-    cameras: CameraPart | None = None,
+    cameras: CameraReport | None = None,
 ) -> ReportContent:
     """Return the report of a detection run.
 
@@ -105,7 +105,7 @@ def _scan_sections(summary: DetectionSummary) -> tuple[Section, ...]:
     )
 
 
-def _subtitle(summary: DetectionSummary, cameras: CameraPart | None) -> str:
+def _subtitle(summary: DetectionSummary, cameras: CameraReport | None) -> str:
     images = cameras.summary if cameras is not None else None
     seen: list[DetectionSummary | CameraSummary] = [summary, *([images] if images else [])]
     first = [part.first_ns for part in seen if part.first_ns is not None]

@@ -17,23 +17,26 @@ IMAGES_2D = pa.schema(
         ("failure", pa.string()),
     ]
 )
-"""Columns of `images_2d.parquet`: a row for each image and each model that looked at it.
+"""Columns of `images_2d.parquet`: a row for each image and each model that could judge it.
 
-An image that could not be used has one row, without a model, that says why.
+An image that could not be used, at all or by one of the models, has one row more, without a
+model, that says why.
 """
 
 
 def image_rows(finished: FinishedImage) -> pa.RecordBatch:
     """Return an image's rows of `images_2d.parquet`, with the schema `IMAGES_2D`."""
-    models = [*finished.timings_ms] if finished.failure is None else [None]
+    looks: list[tuple[str | None, str | None]] = [(model, None) for model in finished.timings_ms]
+    if finished.failure is not None:
+        looks.append((None, finished.failure))
     rows = [
         {
             "frame": finished.frame,
             "stamp_ns": finished.stamp_ns,
             "camera": finished.camera,
             "model": model,
-            "failure": finished.failure,
+            "failure": failure,
         }
-        for model in models
+        for model, failure in looks
     ]
     return pa.RecordBatch.from_pylist(rows, schema=IMAGES_2D)

@@ -8,7 +8,8 @@ bright enough for a dark background.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from itertools import cycle
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "class_colour",
+    "class_colours",
     "cluster_colours",
     "depth_colours",
     "hex_colour",
@@ -54,12 +56,25 @@ _NO_CLUSTER = np.array((110, 110, 110), dtype=np.uint8)
 def class_colour(label: str) -> tuple[int, int, int]:
     """Return the red, green and blue (0..255) of a class.
 
-    A label outside the built-in classes gets one of the same hues, always the same one.
+    A label outside the built-in classes gets one of the same hues, always the same one, which
+    several labels share; `class_colours` keeps those of one chart apart.
     """
     if label in _CLASSES:
         return _CLASSES[label]
     red, green, blue = _HUES[zlib.crc32(label.encode()) % len(_HUES)]
     return int(red), int(green), int(blue)
+
+
+def class_colours(labels: Collection[str]) -> dict[str, tuple[int, int, int]]:
+    """Return the colours of the classes of one chart: as far as 27 go, each another one.
+
+    The built-in classes have their own; others take what is left, as it is, then pale, then dark.
+    """
+    tints = np.concatenate([_HUES, _HUES // 2 + 127, _HUES // 5 * 3])
+    own = {label: _CLASSES[label] for label in labels if label in _CLASSES}
+    left = [rgb for rgb in map(tuple, tints.tolist()) if rgb not in own.values()]
+    others = zip((label for label in labels if label not in own), cycle(left), strict=False)
+    return own | dict(others)
 
 
 def cluster_colours(cluster_ids: NDArray[np.integer]) -> NDArray[np.uint8]:

@@ -124,7 +124,7 @@ def read_text_lines(path: Path) -> list[tuple[int, list[str]]]:
     try:
         if path.stat().st_size > _LARGEST_FILE_BYTES:
             raise InputError("too large for the labels of one image", where=path)
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # Windows begins files with a mark
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read ({error})", where=path) from error
     lines = ((number, line.split()) for number, line in enumerate(text.splitlines(), 1))

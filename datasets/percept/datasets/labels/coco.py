@@ -17,6 +17,7 @@ __all__ = ["holds_coco_results", "read_coco", "read_coco_results"]
 
 _LARGEST_FILE_BYTES = 1 << 30
 _LARGEST_SIDE = 100_000
+_MARK = b"\xef\xbb\xbf"  # which Windows puts at the beginning of UTF-8
 _REMEDY = "Give a COCO file with images, annotations and categories, or a list of results"
 _Size = tuple[int, int]
 
@@ -31,7 +32,7 @@ def holds_coco_results(path: Path) -> bool:
         raise InputError("is no file", where=path, remedy=_REMEDY)
     try:
         with path.open("rb") as file:
-            return file.read(64).lstrip().startswith(b"[")
+            return file.read(64).removeprefix(_MARK).lstrip().startswith(b"[")
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", where=path) from error
 

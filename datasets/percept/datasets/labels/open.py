@@ -13,7 +13,7 @@ from percept.datasets.labels.boxes import read_text_lines
 from percept.datasets.labels.coco import holds_coco_results, read_coco, read_coco_results
 from percept.datasets.labels.kitti import kitti_folder, looks_like_kitti, read_kitti
 from percept.datasets.labels.parquet import read_box_table, table_file
-from percept.datasets.labels.yolo import looks_like_yolo, read_yolo
+from percept.datasets.labels.yolo import looks_like_yolo, read_yolo, yolo_class_names
 
 __all__ = ["LabelFormat", "label_format", "read_detections", "read_labels"]
 
@@ -109,15 +109,24 @@ def read_detections(
     if label_format == "kitti":
         found = read_kitti(path)
     elif label_format == "yolo":
-        names = truth.categories or None
-        sizes = _sizes(truth)
-        found = read_yolo(path, class_names=names, image_size=image_size, size_of=sizes)
+        found = _yolo_detections(path, truth, image_size)
     else:
         found = read_coco_results(path, truth) if holds_coco_results(path) else read_coco(path)
     ranked = {image.confidences is not None for image in found.images if len(image)}
     if len(ranked) > 1:
         raise InputError("some images have confidences and others do not", where=path)
     return replace(found, complete=False)
+
+
+def _yolo_detections(path: Path, truth: LabelSet, image_size: _Size | None) -> LabelSet:
+    """Read YOLO's files; what they do not tell is taken from the labels, names with a note."""
+    # COCO's numbers of categories mostly count from 1, YOLO's classes from 0.
+    names = None if truth.image_ids else truth.categories or None
+    found = read_yolo(path, class_names=names, image_size=image_size, size_of=_sizes(truth))
+    if names is None or yolo_class_names(path) is not None:
+        return found
+    note = "the detections have no names of classes: the numbers are taken for those of the labels"
+    return replace(found, notes=(*found.notes, note))
 
 
 def _sizes(truth: LabelSet) -> Callable[[str], _Size | None]:

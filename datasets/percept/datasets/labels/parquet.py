@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +47,9 @@ def table_file(path: Path) -> Path | None:
 def read_box_table(path: Path, *, model: str | None = None) -> LabelSet:
     """Read a table of boxes; images are named `camera/stamp_ns`.
 
-    `images_2d.parquet` beside it says which images were looked at; without it only those with
-    boxes are known, and the set is not complete.
+    `images_2d.parquet` beside it says which images were looked at, by which network; without it
+    only those with boxes are known, and the set is not complete. Images of one camera with one
+    stamp cannot be told apart, and are left out.
 
     Args:
         path: The table, or a folder that holds it under its usual name.
@@ -63,18 +64,20 @@ def read_box_table(path: Path, *, model: str | None = None) -> LabelSet:
     if file is None:
         raise InputError(f"holds none of {', '.join(_TABLES)}", where=path)
     table = _read(file, _NEEDED, _OPTIONAL)
-    table, notes = _of_model(table, model, file)
+    looks = _looks(file.with_name(_IMAGES))
+    table, notes = _of_model(table, model, {name for _, name in looks or ()}, file)
     dropped: Counter[str] = Counter()
-    listed = _images(file.with_name(_IMAGES), model)
+    listed = None if looks is None else _listed(looks, model, dropped)
     rows = {name: BoxRows(file, dropped) for name in listed or ()}
     for entry in (row for batch in table.to_batches() for row in batch.to_pylist()):
         if entry["stamp_ns"] is None or entry["camera"] is None or entry["label"] is None:
             dropped["rows without a stamp, camera or label"] += 1
             continue
         name = f"{entry['camera']}/{entry['stamp_ns']}"
-        if name not in rows:
-            rows[name] = BoxRows(file, dropped)
-        _add(rows[name], entry)
+        if name not in rows and listed is not None:
+            dropped[f"boxes in images that {_IMAGES} does not list"] += 1
+            continue
+        _add(rows.setdefault(name, BoxRows(file, dropped)), entry)
     return LabelSet(
         images=tuple(boxes.image(name) for name, boxes in rows.items()),
         complete=listed is not None,
@@ -112,13 +115,22 @@ def _read(file: Path, needed: tuple[str, ...], optional: tuple[str, ...]) -> pa.
     return table
 
 
-def _of_model(table: pa.Table, model: str | None, file: Path) -> tuple[pa.Table, tuple[str, ...]]:
-    """Return the rows of one network, or of all without what another found better."""
+def _of_model(
+    table: pa.Table, model: str | None, looking: Iterable[str | None], file: Path
+) -> tuple[pa.Table, tuple[str, ...]]:
+    """Return the rows of one network, or of all without what another found better.
+
+    Args:
+        table: All rows.
+        model: The network that is wanted.
+        looking: Networks that looked at images; one of them may have found nothing.
+        file: The table's file.
+    """
     if "model" not in table.column_names:
         if model is not None:
             raise UsageError(f"names no models, so not '{model}' either", where=file)
         return table, ()
-    models = sorted({name for name in table["model"].to_pylist() if name is not None})
+    models = sorted({*table["model"].to_pylist(), *looking} - {None})
     if model is not None:
         if model not in models:
             raise UsageError(f"has no model '{model}'", where=file, remedy=f"Models: {models}")
@@ -132,16 +144,27 @@ def _of_model(table: pa.Table, model: str | None, file: Path) -> tuple[pa.Table,
     )
 
 
-def _images(file: Path, model: str | None) -> dict[str, None] | None:
-    """Return the names of the images that were looked at, in order, or None."""
+def _looks(file: Path) -> Counter[tuple[str, str | None]] | None:
+    """Return how often each network looked at an image of each name, in order; None if unknown."""
     if not file.is_file():
         return None
     table = _read(file, ("stamp_ns", "camera"), ("model", "failure"))
-    columns = table.to_pydict()
-    keep = [True] * len(table)
-    if model is not None and "model" in columns:
-        keep = [name == model for name in columns["model"]]
-    if "failure" in columns:
-        keep = [k and failure is None for k, failure in zip(keep, columns["failure"], strict=True)]
-    pairs = zip(columns["camera"], columns["stamp_ns"], keep, strict=True)
-    return {f"{camera}/{stamp_ns}": None for camera, stamp_ns, kept in pairs if kept}
+    unknown = [None] * len(table)
+    columns = {"model": unknown, "failure": unknown, **table.to_pydict()}
+    rows = zip(*(columns[n] for n in ("camera", "stamp_ns", "model", "failure")), strict=True)
+    return Counter(
+        (f"{camera}/{stamp_ns}", model) for camera, stamp_ns, model, failure in rows if not failure
+    )
+
+
+def _listed(
+    looks: Counter[tuple[str, str | None]], model: str | None, dropped: Counter[str]
+) -> list[str]:
+    """Return the images that a network looked at, or any of them, in order."""
+    wanted = {
+        look: count for look, count in looks.items() if model is None or look[1] in (model, None)
+    }
+    twice = {name for (name, _), count in wanted.items() if count > 1}
+    if twice:
+        dropped["images with the camera and the stamp of another"] += len(twice)
+    return [name for name in dict.fromkeys(name for name, _ in wanted) if name not in twice]

@@ -17,7 +17,7 @@ __all__ = ["looks_like_yolo", "read_yolo", "yolo_class_names"]
 
 _Size = tuple[int, int]
 _NAME_FILES = ("data.yaml", "dataset.yaml", "classes.txt")
-_IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".JPG", ".JPEG", ".PNG", ".BMP"}
+_IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp"}
 _LEVELS_ABOVE = 3
 _FARTHEST_SHARE = 1.5  # beyond this a value is no share of an image that was rounded or clipped
 
@@ -103,7 +103,7 @@ def _named(root: Path, suffixes: Collection[str]) -> dict[str, Path]:
     return {
         file.relative_to(root).with_suffix("").as_posix(): file
         for file in sorted(root.rglob("*"))
-        if file.suffix in suffixes and file.is_file() and file.name not in _NAME_FILES
+        if file.suffix.lower() in suffixes and file.is_file() and file.name not in _NAME_FILES
     }
 
 
@@ -153,7 +153,7 @@ def _values(words: list[str], file: Path, line: int) -> list[float]:
 
 def _names_of(path: Path) -> dict[int, str]:
     if path.suffix == ".txt":
-        return {k: " ".join(words) for k, (_, words) in enumerate(read_text_lines(path))}
+        return _names_by_line(path)
     try:
         content: Any = load_yaml_mapping(path).get("names")
     except ConfigError as error:
@@ -164,3 +164,15 @@ def _names_of(path: Path) -> dict[int, str]:
     if not all(isinstance(k, int) and isinstance(name, str) for k, name in pairs.items()):
         raise InputError("'names' must be texts, in a list or by number", where=path)
     return pairs
+
+
+def _names_by_line(path: Path) -> dict[int, str]:
+    lines = read_text_lines(path)
+    if not lines or lines[-1][0] != len(lines):
+        raise InputError(
+            "has empty lines between the class names: which number each has is not clear"
+            if lines
+            else "has no class names",
+            where=path,
+        )
+    return {number - 1: " ".join(words) for number, words in lines}

@@ -91,11 +91,12 @@ def _visible_boxes(
     owners = np.repeat(np.arange(len(parts)), [len(part.mesh_map.faces) for part in parts])
     labels = [_label(part, T_cam_map) for part in parts]
     counted = np.array([label != "" for label in labels])
-    shown = np.flatnonzero(seen.face_at.ravel() >= 0)
+    # The last place stands for the sky, which face -1 is.
+    shown = np.flatnonzero(np.append(counted[owners], False)[seen.face_at.ravel()])
     owner = owners[seen.face_at.ravel()[shown]]
     corners = _sample_corners(seen.view, camera)
     low, high = corners[0][shown], corners[1][shown]
-    inside = counted[owner] & (high > 0).all(axis=1) & (low < camera.image_size).all(axis=1)
+    inside = (high > 0).all(axis=1) & (low < camera.image_size).all(axis=1)
     owner, low, high = owner[inside], low[inside], high[inside]
     order = np.argsort(owner, kind="stable")
     found, first = np.unique(owner[order], return_index=True)

@@ -36,6 +36,11 @@ class LenslessDetector:
         self._lock = threading.Lock()
         self.dropped = Counter[str]()
 
+    @property
+    def seen_share(self) -> float:
+        """Share of the recorded pixels that the detector sees."""
+        return self._undistorter.seen_share
+
     def detect_one(self, pixels: NDArray[Any]) -> tuple[Detections2D, dict[str, float]]:
         """Find the objects of one image.
 

@@ -74,7 +74,7 @@ class BoxPlacer:
 
     Attributes:
         reach_ns: How far in time an image looks for that; None where no image does.
-        dropped: Depth images that cannot be used, by reason.
+        dropped: Images without places, and depth images, that do not fit the lens, by reason.
 
     Raises:
         UsageError: If the difference is negative.
@@ -116,7 +116,7 @@ class BoxPlacer:
         """Return an image with places for its boxes; several threads may call it at once."""
         image = replace(match.image, primary=primary_boxes(match.image.boxes))
         place = self._places.get(image.camera)
-        if place is None:
+        if place is None or not self._fits(image, place.camera):
             return PlacedImage(image, {})
         scans = {s: scan for s, scan in match.scans.items() if s in place.T_camera_clouds}
         positions = {
@@ -125,6 +125,25 @@ class BoxPlacer:
             if (located := self._located(found, place, scans, match.depth)) is not None
         }
         return PlacedImage(replace(image, positions=positions), scans)
+
+    def _fits(self, image: ImageResult, camera: Camera) -> bool:
+        """Tell whether an image has the size that its lens is known for; count it if not."""
+        if image.image is None or image.image.pixels.shape[1::-1] == camera.image_size:
+            return True
+        if image.boxes:  # an image that no network could judge is counted as such
+            size, known = (
+                f"{width}x{height}"
+                for width, height in (image.image.pixels.shape[1::-1], camera.image_size)
+            )
+            self._drop(
+                f"images of {image.camera} without places: they have {size} pixels, and the lens "
+                f"is known for {known}"
+            )
+        return False
+
+    def _drop(self, reason: str) -> None:
+        with self._lock:
+            self.dropped[reason] += 1
 
     def _located(
         self,
@@ -143,8 +162,7 @@ class BoxPlacer:
         try:
             by_depth = locate_in_depth(found, place.camera, depth.pixels, place.T_target_camera)
         except GeometryError as error:
-            with self._lock:
-                self.dropped[f"{depth.topic}: {error.what}"] += 1
+            self._drop(f"{depth.topic}: {error.what}")
             return known
         return by_depth if known is None else _filled(known, by_depth)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
@@ -15,6 +15,7 @@ __all__ = ["ImagePairs", "pair_images"]
 
 _IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm"}
 _SHOWN = 5
+_MOST_SILENT = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +28,7 @@ class ImagePairs:
         foreign: Number of detections by class that the labels do not have; they are left out.
         dropped: Images, and detections in them, that only one of both has, by reason.
         notes: What a reader of the figures has to know.
+        doubts: What makes it likely that the wrong images are compared.
     """
 
     images: tuple[tuple[LabelledImage, LabelledImage], ...]
@@ -34,6 +36,7 @@ class ImagePairs:
     foreign: Mapping[str, int]
     dropped: Mapping[str, int]
     notes: tuple[str, ...]
+    doubts: tuple[str, ...]
 
 
 def pair_images(truth: LabelSet, found: LabelSet, label_map: Mapping[str, str]) -> ImagePairs:
@@ -50,16 +53,26 @@ def pair_images(truth: LabelSet, found: LabelSet, label_map: Mapping[str, str]) 
 
     Raises:
         UsageError: If the map names a class that neither has.
-        InputError: If there are no images, or not one image or class is in both.
+        InputError: If there are no images, not one image or class is in both, or the detections
+            hold regions to ignore, as labels do.
     """
+    if any(image.ignore.any() for image in found.images):
+        raise InputError(
+            "the detections hold regions to ignore, which only labels have",
+            where=_where(found),
+            remedy="Give what a detector found as --detections",
+        )
     _check_map(label_map, (*truth.class_names, *found.class_names))
     truth, found = _renamed(truth, label_map), _renamed(found, label_map)
     dropped: Counter[str] = Counter()
     notes: list[str] = []
     images = _paired(truth, found, dropped, notes)
+    doubts = (*_other_folders(images), *_silent(images, found))
     classes = _classes(truth, found, images)
     foreign = Counter(label for _, b in images for label in b.labels if label not in classes)
-    return ImagePairs(images, classes, dict(foreign.most_common()), dict(dropped), tuple(notes))
+    return ImagePairs(
+        images, classes, dict(foreign.most_common()), dict(dropped), tuple(notes), doubts
+    )
 
 
 def _check_map(label_map: Mapping[str, str], known: Iterable[str]) -> None:
@@ -113,6 +126,30 @@ def _paired(
                 "are not counted"
             )
     return tuple(pairs)
+
+
+def _other_folders(images: Iterable[tuple[LabelledImage, LabelledImage]]) -> Iterator[str]:
+    """Say which images are brought together although their folders have other names."""
+    pairs = [(PurePosixPath(_stem(a.name)), PurePosixPath(_stem(b.name))) for a, b in images]
+    others = [(a, b) for a, b in pairs if len({a.parent.name, b.parent.name, ""}) > 2]
+    if others:
+        yield (
+            f"images are brought together from folders of other names ({len(others)}), such as "
+            f"'{others[0][0]}' with '{others[0][1]}': are they the same?"
+        )
+
+
+def _silent(
+    images: Iterable[tuple[LabelledImage, LabelledImage]], found: LabelSet
+) -> Iterator[str]:
+    """Say whether a detector that does not list its images may not have seen all of them."""
+    with_objects = [pair for pair in images if not pair[0].ignore.all()]
+    silent = sum(not len(detections) for _, detections in with_objects)
+    if not found.complete and silent > _MOST_SILENT * len(with_objects):
+        yield (
+            f"{silent} of {len(with_objects)} images with objects have no detection: did the "
+            "detector look at them?"
+        )
 
 
 def _join_key(truth: LabelSet, found: LabelSet) -> Callable[[str], str]:

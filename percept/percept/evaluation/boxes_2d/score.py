@@ -17,6 +17,7 @@ from percept.evaluation.boxes_2d.counts import (
     counts_by_size,
     counts_of,
 )
+from percept.evaluation.boxes_2d.doubts import doubts_about_boxes, doubts_about_matches
 from percept.evaluation.boxes_2d.mistakes import find_mistakes
 from percept.evaluation.boxes_2d.one_sided import foreign_classes, missing_classes
 from percept.evaluation.boxes_2d.pairing import ImagePairs, pair_images
@@ -70,7 +71,7 @@ def score_boxes(
         counts=scores.counts,
         detections=len(found),
         interval=scores.ap50_interval,
-        missing=missing_classes(scores.classes, pairs.foreign),
+        doubts=_doubts(pairs, scores),
         lost=[f"{n} {reason}" for reason, n in lost.items() if n],
         ranked=len(np.unique(found.score)) > 1,
     )
@@ -127,6 +128,15 @@ def _class_scores(
             )
         )
     return tuple(scores)
+
+
+def _doubts(pairs: ImagePairs, scores: BoxScores) -> list[str]:
+    doubts = [*pairs.doubts, *doubts_about_boxes(pairs)]
+    if any(labelled.confidences is not None for labelled, _ in pairs.images):
+        doubts.append("the labels have confidences: are they detections?")
+    confused = sum(count for _, _, count in scores.confusions)
+    doubts += doubts_about_matches(scores.counts, confused)
+    return doubts + missing_classes(scores.classes, pairs.foreign)
 
 
 def _uncounted(pairs: ImagePairs, compared: Compared) -> dict[str, int]:

@@ -21,7 +21,7 @@ def judge_scores(
     counts: Counts,
     detections: int,
     interval: tuple[float, float],
-    missing: Sequence[str],
+    doubts: Sequence[str],
     lost: Sequence[str],
     ranked: bool,
 ) -> tuple[Verdict, tuple[str, ...]]:
@@ -31,7 +31,7 @@ def judge_scores(
         counts: Of all classes at the operating threshold.
         detections: Number of detections of whatever confidence.
         interval: 90 % interval of AP50.
-        missing: Sentences about classes without a detection.
+        doubts: Sentences about what makes it likely that the figures mislead.
         lost: What could not be read or belongs to no image, as counts with their reason.
         ranked: Whether the detections have confidences that differ.
     """
@@ -52,7 +52,7 @@ def judge_scores(
         )
     if detections and not ranked:
         why.append("all confidences are equal, so that AP does not see which detections are sure")
-    why += [*missing, *(f"left out: {text}" for text in lost)]
+    why += [*doubts, *(f"left out: {text}" for text in lost)]
     if why:
         return Verdict.DOUBTFUL, tuple(why)
     return Verdict.GOOD, (

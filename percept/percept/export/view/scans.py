@@ -44,9 +44,8 @@ class ScanDrawing:
         colours = {name: class_colour(name) for name in counts}
         self._stream.plot("objects", detections.sensor, counts, colours)
         self._stream.plot("milliseconds", detections.sensor, result.timings_ms)
-        if self._turns.stride == 0:
-            self._turns.begin(min(len(result.cloud), POINTS_PER_SCAN) * _BYTES_PER_POINT)
-        if self._turns.take(detections.sensor):
+        drawn_bytes = min(len(result.cloud), POINTS_PER_SCAN) * _BYTES_PER_POINT
+        if self._turns.take(detections.sensor, drawn_bytes):
             place = self._stream.entity_in(detections.frame_id, detections.sensor)
             self._stream.log(f"{place}/cloud", _points(result))
             self._stream.log(f"{place}/boxes", _boxes(detections, known=True))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Hashable, Mapping, Sequence
 
 import numpy as np
 import rerun as rr
@@ -89,14 +90,14 @@ class ViewStream:
 
 
 class Turns:
-    """Which frames of each sensor are drawn, so that all together fit in a budget.
+    """Which frames are drawn, so that all together fit in a budget.
 
     Args:
         expected: Frames of all sensors that will come.
         budget_bytes: Bytes that all that is drawn may take.
 
     Attributes:
-        stride: Every how manieth frame of a sensor is drawn; 0 until `begin`.
+        stride: One frame of a kind in so many is drawn; chosen when the first comes.
         frames: Frames that were counted.
         drawn: Those that are drawn.
     """
@@ -104,19 +105,22 @@ class Turns:
     def __init__(self, expected: int, budget_bytes: int) -> None:
         self._expected = expected
         self._budget_bytes = budget_bytes
-        self._seen: dict[str, int] = {}
-        self.stride = 0
+        self._seen: Counter[Hashable] = Counter()
+        self.stride = 1
         self.frames = self.drawn = 0
 
-    def begin(self, frame_bytes: int) -> None:
-        """Choose every how manieth frame is drawn, from what one takes."""
-        self.stride = max(1, math.ceil(self._expected * frame_bytes / self._budget_bytes))
+    def take(self, kind: Hashable, frame_bytes: int) -> bool:
+        """Count a frame and return whether it is drawn.
 
-    def take(self, sensor: str) -> bool:
-        """Count a frame of a sensor and return whether it is drawn."""
-        turn = self._seen.get(sensor, 0)
-        self._seen[sensor] = turn + 1
+        Args:
+            kind: What it is one of, such as the scans of a sensor. The first of each kind is
+                drawn: what is rare is seen too.
+            frame_bytes: What it would take.
+        """
+        if self.frames == 0:
+            self.stride = max(1, math.ceil(self._expected * frame_bytes / self._budget_bytes))
+        is_drawn = self._seen[kind] % self.stride == 0
+        self._seen[kind] += 1
         self.frames += 1
-        is_drawn = turn % max(self.stride, 1) == 0
         self.drawn += is_drawn
         return is_drawn

@@ -18,13 +18,13 @@ class ViewSummary:
     Attributes:
         frames: Scans that were given; all are in the plots.
         drawn: Scans whose points and boxes are drawn.
-        frame_stride: Every how manieth scan of a sensor is drawn.
+        frame_stride: One scan of a sensor in so many is drawn.
         points_per_frame: Most points that are drawn of one scan.
         resumed: Whether an earlier session's parts came before.
         unreadable_parts: Parts of earlier sessions that could not be read and are left out.
         images: Images that were given; all are in the plots.
         images_drawn: Images that are drawn with their boxes.
-        image_stride: Every how manieth image of a camera is drawn.
+        image_stride: One image of a camera in so many is drawn.
     """
 
     frames: int

@@ -162,11 +162,11 @@ class ViewWriter:
         return ViewSummary(
             frames=scans.frames,
             drawn=scans.drawn,
-            frame_stride=max(scans.stride, 1),
+            frame_stride=scans.stride,
             points_per_frame=POINTS_PER_SCAN,
             images=images.frames,
             images_drawn=images.drawn,
-            image_stride=max(images.stride, 1),
+            image_stride=images.stride,
             resumed=self._resumed,
             unreadable_parts=unreadable,
         )
