@@ -15,8 +15,9 @@ from percept.core.rig import CameraSensor, LidarSensor, Rig
 from percept.core.samples import CameraImage, CameraInfo, PointCloud, Sample, TransformSample
 from percept.core.transform import Transform, rotation_from_rpy
 from percept.datasets import open_recording
+from percept.datasets.camera_topics import every_topic
 from percept.datasets.cameras import CameraStream, choose_cameras
-from percept.datasets.recording import Recording
+from percept.datasets.recording import Recording, TopicInfo
 from percept.datasets.sensors import split_topics
 from percept.datasets.write import LogWriter
 
@@ -246,6 +247,14 @@ def test_cameras_are_named_after_their_topics(log: Log) -> None:
         "/a/b": "/a/b",
         "/a_b": "/a_b",
     }
+
+
+def test_topics_without_images_are_no_cameras_unless_all_are() -> None:
+    counts = {"/left/image_raw": 3, "/right/image_raw": 0}
+    kind = "sensor_msgs/msg/Image"
+    for scale, names in ((1, {"left"}), (0, {"left", "right"})):
+        topics = {t: TopicInfo(t, kind, n * scale, CameraImage) for t, n in counts.items()}
+        assert set(every_topic(topics)) == names
 
 
 def test_a_camera_that_is_there_plain_and_compressed_is_looked_at_once(log: Log) -> None:

@@ -73,10 +73,10 @@ def _run(network: Network, layout: Layout) -> list[Any]:
 def _assert_known(layout: Layout, outputs: list[Any], known: KnownBoxes, image: int = 0) -> None:
     found = decode(layout, outputs, image, 0.25)
     order = np.argsort(-found.scores)
-    np.testing.assert_allclose(found.boxes_input_px[order], known.boxes, atol=1e-3)
+    np.testing.assert_allclose(found.boxes_px[order], known.boxes, atol=1e-3)
     np.testing.assert_array_equal(found.class_ids[order], known.class_ids)
     np.testing.assert_allclose(found.scores[order], known.scores, atol=1e-5)
-    assert found.boxes_input_px.dtype == np.float64
+    assert found.boxes_px.dtype == np.float64
     assert found.class_ids.dtype == np.int64
 
 
@@ -114,7 +114,7 @@ def test_half_precision(kind: str, tmp_path: Path) -> None:
     assert layout.name == kind
     order = np.argsort(-found.scores)
     # Half precision counts in quarters of a pixel there.
-    np.testing.assert_allclose(found.boxes_input_px[order], known_boxes(80, _SMALL).boxes, atol=0.3)
+    np.testing.assert_allclose(found.boxes_px[order], known_boxes(80, _SMALL).boxes, atol=0.3)
 
 
 @pytest.mark.parametrize("kind", ["v8", "v8-last", "v5", "yolox", "end2end", "rt-detr", "v4", "v3"])
@@ -138,7 +138,7 @@ def test_rows_of_other_images_stay_out(tmp_path: Path) -> None:
     graph = write_graph(tmp_path / "n.onnx", {"output": np.array(rows)}, rows="n")
     layout = identify(open_network(graph))
     found = decode(layout, [np.array(rows)], 1, 0.25)
-    np.testing.assert_array_equal(found.boxes_input_px, [[3, 4, 50, 60]])
+    np.testing.assert_array_equal(found.boxes_px, [[3, 4, 50, 60]])
 
 
 def test_tiny_yolov3_of_the_zoo_has_indices_with_a_batch_axis(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 import xml.etree.ElementTree as ET
 
 import cv2
@@ -11,7 +12,7 @@ import pytest
 
 from percept.core.errors import GeometryError
 from percept.export.charts import histogram, timeline
-from percept.export.palette import class_colour, cluster_colours, hex_colour
+from percept.export.palette import class_colour, class_colours, cluster_colours, hex_colour
 from percept.export.pictures import birds_eye, png_data_uri
 
 _CLASSES = (
@@ -184,3 +185,16 @@ def test_charts_refuse_columns_of_another_length() -> None:
         histogram("t", "m", ["a"], {"car": [1, 2]})
     with pytest.raises(GeometryError):
         timeline("t", [0.0], {"ms": [1.0, 2.0]})
+
+
+def test_the_classes_of_a_chart_have_colours_of_their_own() -> None:
+    foreign = [f"class {k}" for k in range(20)]
+    colours = class_colours(["car", *foreign, "unknown"])
+    assert list(colours) == ["car", "unknown", *foreign]
+    assert len(set(colours.values())) == 22
+    assert (colours["car"], colours["unknown"]) == (class_colour("car"), class_colour("unknown"))
+    assert all(max(rgb) > 80 for rgb in colours.values())  # seen on a dark ground
+    assert len(class_colours([f"{k}" for k in range(100)])) == 100
+    svg = histogram("t", "x", ["a"], {label: [1] for label in foreign})
+    bars = set(re.findall(r'fill="(#[0-9a-f]{6})"><title>class', svg))
+    assert len(bars) == 20

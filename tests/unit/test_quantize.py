@@ -106,6 +106,41 @@ class TestQuantizeNetwork:
         assert found.share_75 == 1.0
         assert 0 < max(map(abs, found.shifts)) < 0.05
 
+    def test_the_silu_behind_a_quantised_layer_works_on_integers_too(self, tmp_path: Path) -> None:
+        # image -> first -> SiLU -> middle -> SiLU -> last -> sigmoid of one times another
+        graph = _graph(
+            _conv("first", "image"),
+            helper.make_node("Sigmoid", ["first"], ["first_gate"]),
+            helper.make_node("Mul", ["first", "first_gate"], ["x1"]),
+            _conv("middle", "x1", weight="w_inner"),
+            helper.make_node("Sigmoid", ["middle"], ["middle_gate"]),
+            helper.make_node("Mul", ["middle_gate", "middle"], ["x2"]),
+            _conv("last", "x2", weight="w_inner"),
+            helper.make_node("Mul", ["middle_gate", "last"], ["output"]),
+            weights={"w": (8, 3, 3, 3), "w_inner": (8, 8, 1, 1)},
+        )
+        graph.output.append(
+            helper.make_tensor_value_info("output", TensorProto.FLOAT, [1, 8, 62, 62])
+        )
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+        onnx.save(model, str(tmp_path / "silu.onnx"))
+        picture = np.random.default_rng(0).random((1, 3, 64, 64), np.float32)
+        network = open_network(tmp_path / "silu.onnx")
+        assert quantize_network(network, tmp_path / "int8.onnx", [picture]).quantized == 1
+        nodes = onnx.load(str(tmp_path / "int8.onnx")).graph.node
+        wide = {name for n in nodes if n.op_type == "DequantizeLinear" for name in n.output}
+        makers = {name: node for node in nodes for name in node.output}
+        from_integers = {
+            name: [source in wide for source in makers[name].input]
+            for name in ("first_gate", "x1", "middle_gate", "x2")
+        }
+        assert from_integers == {
+            "first_gate": [False],
+            "x1": [False, False],
+            "middle_gate": [True],
+            "x2": [True, True],
+        }
+
     def test_one_that_is_quantised_already_is_refused(
         self, lamps: YoloDetector, tmp_path: Path
     ) -> None:

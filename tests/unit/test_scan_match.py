@@ -126,6 +126,13 @@ def test_clocks_that_are_far_apart_match_nothing_and_hold_nothing_up() -> None:
     assert matcher.unmatched == {"front": 20}
 
 
+def test_what_is_recorded_half_a_second_later_does_not_belong_to_it() -> None:
+    """A clock that was set back gives old stamps again."""
+    for delay_ms, expected in ((515, 100), (516, None)):
+        matcher = ScanMatcher(["top"])
+        assert _pairs(_fed(matcher, [_image(0, 100), _scan(100, delay_ms)])) == [(0, expected)]
+
+
 def test_separate_lidars_each_give_their_nearest_scan() -> None:
     matcher = ScanMatcher(["left", "right"])
     matcher.add_scan("left", _scan(100))

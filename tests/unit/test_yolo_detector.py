@@ -258,6 +258,17 @@ def test_hostile_images(tmp_path: Path) -> None:
     ):
         with pytest.raises(GeometryError, match=f"image 1 of 2: .*{reason}"):
             detector.detect([grey, bad])
+    unread: Any = None
+    with pytest.raises(GeometryError, match=r"an array, not NoneType.*cv2\.imread"):
+        detector.detect([unread])
+
+
+def test_one_image_is_no_list_of_images(tmp_path: Path) -> None:
+    detector = _detector(tmp_path)
+    with pytest.raises(GeometryError, match=r"\(200, 300, 3\).*Give a list"):
+        detector.detect(_image(300, 200))
+    assert len(detector.detect(np.stack([_image(300, 200)] * 2))) == 2
+    assert detector.detect([]) == []
 
 
 def test_a_broken_network_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -293,3 +304,7 @@ def test_all_that_was_resolved_is_told(tmp_path: Path) -> None:
     assert told["device"] == "cpu"
     assert told["config"]["tiles"] == [2, 1]
     assert told["why"]
+    unnamed = _detector(tmp_path, "end2end").describe()
+    assert unnamed["class_count"] is None
+    assert unnamed["class_names"] is None
+    assert _detector(tmp_path, "end2end", names=True).describe()["class_count"] == 80

@@ -16,7 +16,6 @@ from percept.datasets import open_recording
 from percept.datasets.inspection import inspect_recording
 from percept.datasets.labels import read_detections, read_labels
 from percept.datasets.synthetic.drive import DriveConfig
-from percept.detection.models import builtin_model
 from percept.evaluation import DetectionScores, score_run
 from percept.evaluation.boxes_2d import BoxScoreConfig, BoxScores, score_boxes, scores_as_json
 
@@ -39,7 +38,7 @@ def run_demo(out: Path, *, seed: int, seconds: float, force: bool, talk: bool) -
         talk: Whether to say on stdout what is happening.
 
     Returns:
-        The content of the run's `run.json`, with the scores under `scores`.
+        The content of the run's `run.json`, with the scores under `scores` and `scores_2d`.
     """
 
     def say(text: str) -> None:
@@ -54,27 +53,27 @@ def run_demo(out: Path, *, seed: int, seconds: float, force: bool, talk: bool) -
         inspection = inspect_recording(recording)
     say(f"2. percept inspect {log}: verdict {inspection.verdict}")
     run_folder = out / "run"
-    models = model_requests([_MODEL], []) if builtin_model().is_file() else ()
-    flag = f"--model {_MODEL} " if models else ""
-    say(f"3. percept detect --bag {log} --rig {out / 'rig.yaml'} {flag}--out {run_folder} --mcap")
+    models = model_requests([_MODEL], [])
+    rig = out / "rig.yaml"
+    say(f"3. percept detect --bag {log} --rig {rig} --model {_MODEL} --out {run_folder} --mcap")
     request = DetectRequest(
-        bags=(log,), out=run_folder, rig=out / "rig.yaml", models=models,
+        bags=(log,), out=run_folder, rig=rig, models=models,
         flags={"models": model_flags([model.name for model in models])}, overlay=True, force=force,
     )  # fmt: skip
     run = run_detection(request)
     counts = run["counts"]
-    say(f"   {counts['frames']} scans, {counts['objects']} boxes, verdict {run['verdict']}")
+    say(
+        f"   {counts['frames']} scans, {counts['objects']} boxes; {counts['images']} images; "
+        f"verdict {run['verdict']}"
+    )
     scores = score_run(run_folder, out / "truth")
     say("4. against truth (objects with at least 10 returns; +class: the class is right too)")
     say(str(scores))
-    result = {**run, "scores": _as_dict(scores)}
-    if models:
-        in_images = _score_images(run_folder, out / "truth")
-        say(f"5. boxes in images against truth ({_COUNTED})")
-        say(_as_text(in_images))
-        result["scores_2d"] = scores_as_json(in_images)
+    in_images = _score_images(run_folder, out / "truth")
+    say(f"5. boxes in images against truth ({_COUNTED})")
+    say(_as_text(in_images))
     say(f"look at it: {run_folder / 'report.html'}, or `percept view {run_folder}`")
-    return result
+    return {**run, "scores": _as_dict(scores), "scores_2d": scores_as_json(in_images)}
 
 
 def _score_images(run_folder: Path, truth_folder: Path) -> BoxScores:

@@ -1,8 +1,9 @@
 """A network in 8-bit integers: faster on processors, and no longer quite the same network.
 
 Static quantisation of onnxruntime (QDQ: activations uint8, weights int8 for each channel) of
-convolutions only. The ranges of the activations come from images. Some convolutions stay as they
-are, since they cost little time and much accuracy:
+convolutions and of the SiLU (x times its sigmoid) behind them: with that in floats, half of the
+time would go into turning numbers there and back. The ranges of the activations come from images.
+Some convolutions stay as they are, since they cost little time and much accuracy:
 
 - those that the image goes into: the range of pixels tells nothing of the edges they look for;
 - depthwise ones: nine weights a channel leave no room for errors to cancel;
@@ -82,15 +83,16 @@ def quantize_network(
         quant_pre_process(str(plain), str(prepared), skip_symbolic_shape=True)
         graph = _named(prepared)
         kept = layers_to_keep(graph)
-        count = sum(node.op_type == "Conv" for node in graph.node) - len(kept)
-        if count < 1:
+        layers = [n for n in graph.node if n.op_type == "Conv" and n.name not in kept]
+        if not layers:
             raise InputError("no layer of it can be quantised", where=network.path)
-        _quantize(prepared, done, reader, list(kept))
+        names = [node.name for node in (*layers, *_silus_behind(graph, layers))]
+        _quantize(prepared, done, reader, names)
         quantized = onnx.load(str(done))
     del quantized.metadata_props[:]
     quantized.metadata_props.extend(model.metadata_props)
     onnx.save(quantized, str(target))
-    return QuantizedLayers(count, dict(Counter(kept.values())), reader.count)
+    return QuantizedLayers(len(layers), dict(Counter(kept.values())), reader.count)
 
 
 def _check(model: ModelProto, network: Network) -> None:
@@ -149,7 +151,7 @@ class _Reader(CalibrationDataReader):  # type: ignore[misc]  # onnxruntime has n
         return None
 
 
-def _quantize(source: Path, target: Path, reader: _Reader, kept: list[str]) -> None:
+def _quantize(source: Path, target: Path, reader: _Reader, names: list[str]) -> None:
     quantize_static(
         str(source),
         str(target),
@@ -158,8 +160,8 @@ def _quantize(source: Path, target: Path, reader: _Reader, kept: list[str]) -> N
         activation_type=QuantType.QUInt8,
         weight_type=QuantType.QInt8,
         per_channel=True,
-        op_types_to_quantize=["Conv"],
-        nodes_to_exclude=kept,
+        op_types_to_quantize=["Conv", "Sigmoid", "Mul"],
+        nodes_to_quantize=names,
     )
 
 
@@ -170,6 +172,17 @@ def layers_to_keep(graph: GraphProto) -> dict[str, str]:
     kept |= dict.fromkeys(_first_layers(graph), "sees pixels")
     decoding = {name for name, node in layers.items() if _follows_softmax(graph, node)}
     return kept | dict.fromkeys(_last_layers(graph, decoding), "puts out boxes or scores")
+
+
+def _silus_behind(graph: GraphProto, layers: Iterable[NodeProto]) -> Iterator[NodeProto]:
+    """Yield both nodes of each SiLU that follows one of these convolutions."""
+    values = {node.output[0] for node in layers}
+    gates = {n.output[0]: n for n in graph.node if n.op_type == "Sigmoid" and n.input[0] in values}
+    for node in graph.node:
+        gate = next((gates[name] for name in node.input if name in gates), None)
+        if node.op_type == "Mul" and gate is not None and gate.input[0] in node.input:
+            yield gate
+            yield node
 
 
 def _depthwise(graph: GraphProto, layers: Iterable[NodeProto]) -> Iterator[str]:

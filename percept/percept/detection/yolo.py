@@ -85,7 +85,7 @@ class YoloDetector:
             reasons.append(f"batch: all {self._batch} places get one image; export it with batch 1")
         self.layout = replace(self.layout, why=tuple(reasons))
 
-    def detect(self, images: Sequence[NDArray[Any]]) -> list[Detections2D]:
+    def detect(self, images: Sequence[NDArray[Any]] | NDArray[Any]) -> list[Detections2D]:
         """Find the objects of each image.
 
         Boxes are in pixels of the image, counted from the outer edge of its top left pixel. They
@@ -93,12 +93,17 @@ class YoloDetector:
         it. The stamps are 0 and the cameras have no name; who knows them fills them in.
 
         Args:
-            images: Each (H, W, 3) or (H, W) uint8, colour in BGR.
+            images: Each (H, W, 3) or (H, W) uint8, colour in BGR; or one array (N, H, W, 3).
 
         Raises:
-            GeometryError: If one is no image.
+            GeometryError: If one is no image, or an image is given instead of a list.
             InputError: If the network puts out what is no number.
         """
+        if isinstance(images, np.ndarray) and images.ndim < 4:
+            raise GeometryError(
+                f"one array of shape {images.shape} is no list of images",
+                remedy="Give a list, such as [image]",
+            )
         found = []
         for number, pixels in enumerate(images):
             try:
@@ -188,8 +193,8 @@ class YoloDetector:
             "rectangles": self._stride is not None,
             "pixels": name_of_pixels(layout.pixels),
             "fit": layout.fit,
-            "class_count": len(layout.class_names),
-            "class_names": list(layout.class_names),
+            "class_count": len(layout.class_names) if layout.counts_classes else None,
+            "class_names": list(layout.class_names) if layout.counts_classes else None,
             "needs_nms": layout.needs_nms,
             "device": self.network.device,
             "device_note": self.network.device_note,
@@ -203,17 +208,18 @@ class YoloDetector:
         """Run the network on one image, or a part of one."""
         tensor, plan = self.prepare(image)
         clock.lap("prepare")
-        outputs = self.network.run(tensor)
+        outputs = self.network.run(tensor, plan.image_size)
         clock.lap("network")
         layout = replace(self.layout, input_size=plan.input_size)
         try:
-            candidates = decode(layout, outputs, 0, score)
+            found = decode(layout, outputs, 0, score)
         except InputError as error:
             where = self.network.path
             raise InputError(error.what, where=where, remedy=error.remedy) from error
-        boxes_px = plan.to_image(candidates.boxes_input_px)
+        if not self.network.takes_image_size:
+            found = replace(found, boxes_px=plan.to_image(found.boxes_px))
         clock.lap("boxes")
-        return FoundBoxes(boxes_px, candidates.class_ids, candidates.scores), plan
+        return found, plan
 
     def _named(self, found: FoundBoxes) -> Detections2D:
         names = self.layout.class_names

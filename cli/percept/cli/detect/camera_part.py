@@ -26,6 +26,7 @@ __all__ = ["CameraPart", "plan_cameras"]
 
 _PROBED_IMAGES = 2  # of each camera
 _MOST_READ = 400
+_WHOLE = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -88,7 +89,22 @@ class CameraPart:
         cameras = [
             f"{camera.name}: {note}" for camera in self.cameras.values() for note in camera.notes
         ]
-        return cameras + [f"{model.name}: {note}" for model in self.models for note in model.notes]
+        models = [f"{model.name}: {note}" for model in self.models for note in model.notes]
+        return [*cameras, *self._unseen_rims(), *models]
+
+    def _unseen_rims(self) -> list[str]:
+        shares = {
+            camera: detector.seen_share
+            for camera, detectors in self.detectors.items()
+            for detector in detectors.values()
+            if isinstance(detector, LenslessDetector)
+        }
+        return [
+            f"{camera}: an image without its lens shows {share:.0%} of the recorded one; "
+            "nothing is found at the rim"
+            for camera, share in shares.items()
+            if share < _WHOLE
+        ]
 
 
 def plan_cameras(
@@ -109,9 +125,9 @@ def plan_cameras(
         window_ns: First and last log time that are wanted.
 
     Raises:
-        UsageError: If a lens is to be taken out that is not known.
+        UsageError: If a lens is to be taken out that is not known, or two cameras are one topic.
     """
-    by_topic = {camera.topic: camera for camera in cameras}
+    by_topic = _by_topic(cameras)
     first = list(_first_images(recording, by_topic, window_ns))
     models = tuple(probed(model, first) for model in models)
     schedule = ModelSchedule({model.name: model.every for model in models})
@@ -128,6 +144,19 @@ def plan_cameras(
         messages_in_log=sum(counts) + sum(t.count for t in topics if t.topic in depths),
         images_expected=sum(bool(schedule.models_at(k)) for n in counts for k in range(n)),
     )
+
+
+def _by_topic(cameras: Iterable[CameraStream]) -> dict[str, CameraStream]:
+    by_topic: dict[str, CameraStream] = {}
+    for camera in cameras:
+        other = by_topic.setdefault(camera.topic, camera)
+        if other is not camera:
+            raise UsageError(
+                f"'{other.name}' and '{camera.name}' are one camera",
+                where=camera.topic,
+                remedy="Name each topic once, in --topic or in the rig",
+            )
+    return by_topic
 
 
 def _detectors_of(

@@ -194,6 +194,8 @@ def detect(
     if not bag or out is None:
         missing = "--bag LOG" if not bag else "--out DIR"
         raise UsageError(f"{missing} is missing", remedy="See `percept detect --help`")
+    if len({path.resolve() for path in bag}) < len(bag):
+        raise UsageError("--bag names a log twice", remedy="Give each log once")
     from percept.cli.detect.flags import model_flags, model_requests
     from percept.cli.detect.request import DetectRequest
     from percept.cli.detect.run import run_detection

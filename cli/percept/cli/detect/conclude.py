@@ -14,7 +14,7 @@ from percept.cli.detect.verdict import CameraFacts, RunFacts, judge
 from percept.cli.run_folder import RunFolder, describe_input
 from percept.datasets.recording import Recording
 from percept.detection.cores import available_cores
-from percept.export.camera_report import CameraPart as CameraReport
+from percept.export.camera_report import CameraReport
 from percept.export.camera_summary import CameraSummary
 from percept.export.detection_report import detection_report
 from percept.export.detection_summary import DetectionSummary

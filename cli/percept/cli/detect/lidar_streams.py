@@ -121,8 +121,17 @@ def plan_streams(
         wanted: What was asked for; None merges where the place of every LiDAR is known.
 
     Raises:
-        UsageError: If a merge was asked for and a place is not known.
+        UsageError: If a merge was asked for and a place is not known, or two sensors are one
+            topic.
     """
+    for topic, count in Counter(sensor.topic for sensor in sensors).items():
+        if topic is not None and count > 1:
+            names = " and ".join(f"'{s.name}'" for s in sensors if s.topic == topic)
+            raise UsageError(
+                f"{names} are one LiDAR",
+                where=topic,
+                remedy="Name each topic once, in --topic or in the rig",
+            )
     lost = [sensor.name for sensor in sensors if sensor.T_base_sensor is None]
     if wanted == "merge" and lost:
         raise UsageError(

@@ -24,7 +24,7 @@ class RunningModel:
 
     Attributes:
         name: What the run calls it.
-        every: Of each camera, every how manieth image it looks at.
+        every: Of each camera, it looks at one image in so many.
         detector: The network, ready.
         notes: What a user should know of it, as sentences.
     """

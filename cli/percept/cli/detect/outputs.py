@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from percept.cli.detect.lidar_part import LidarPart
 from percept.cli.detect.one_pass import Done
+from percept.core.errors import UsageError
 from percept.detection.space.placing import PlacedImage
 from percept.export.camera_summary import CameraSummary
 from percept.export.detection_summary import DetectionSummary
@@ -31,6 +33,8 @@ __all__ = ["OUTPUTS", "RunOutputs"]
 _Finished: TypeAlias = tuple[FinishedFrame | FinishedImage, Any]
 
 _SCANS, _IMAGES = ".journal", ".journal-images"
+# The view's writer waits for ever once the disk is full, and holds a few megabytes back.
+_LEAST_FREE_BYTES = 64 << 20
 OUTPUTS = (
     "detections_3d.parquet",
     "detections_2d.parquet",
@@ -115,13 +119,23 @@ class RunOutputs:
             self.images.add_finished(image, image_of(image, rows))
 
     def add_scan(self, frame: int, result: ScanResult) -> None:
-        """Take a finished scan."""
+        """Take a finished scan.
+
+        Raises:
+            UsageError: If the disk is nearly full.
+        """
+        self._check_room()
         self._scan_journal.append(frame, result)
         self.scans.add(frame, result)
         self._view.add(frame, result)
 
     def add_image(self, image: PlacedImage) -> None:
-        """Take a finished image."""
+        """Take a finished image.
+
+        Raises:
+            UsageError: If the disk is nearly full.
+        """
+        self._check_room()
         self._image_journal.append(image.result)
         self.images.add(image.result)
         place = self._places.get(image.result.camera)
@@ -132,6 +146,15 @@ class RunOutputs:
         ]
         # Of several clouds that which shows the most.
         self._view.add_image(image.result, max(clouds, key=len, default=None))
+
+    def _check_room(self) -> None:
+        free_bytes = shutil.disk_usage(self._folder).free
+        if free_bytes < _LEAST_FREE_BYTES:
+            raise UsageError(
+                f"only {free_bytes >> 20} MB are left on its disk",
+                where=self._folder,
+                remedy="Make room, and go on with --resume",
+            )
 
     def write_tables(self, *, overlay: bool) -> list[str]:
         """Write all files but the report, and return what should be known of them."""

@@ -11,11 +11,13 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from percept.cli.detect.flags import model_file
 from percept.cli.progress import progress_bar
 from percept.core.errors import DecodeError, GeometryError, InsufficientDataError, UsageError
 from percept.core.results import Verdict
 from percept.core.samples import CameraImage
 from percept.datasets import open_recording
+from percept.datasets.camera_topics import first_image
 from percept.datasets.recording import UndecodedMessage
 from percept.detection.agreement import (
     Agreement,
@@ -31,7 +33,6 @@ from percept.detection.yolo import YoloDetector
 
 __all__ = ["QuantizeRequest", "run_quantization"]
 
-_BUILTIN = "builtin"
 _PROBED_IMAGES = 4
 _LEAST_IMAGES = 2
 
@@ -54,7 +55,7 @@ def run_quantization(request: QuantizeRequest) -> dict[str, Any]:
     Raises:
         PerceptError: If the network, the log or the output cannot be used.
     """
-    source = _model_file(request.model)
+    source = model_file(request.model)
     target = request.out or Path(f"{source.stem}_int8.onnx")
     _check_target(target, source, force=request.force)
     names = None if request.classes is None else read_class_names(request.classes)
@@ -84,16 +85,8 @@ def run_quantization(request: QuantizeRequest) -> dict[str, Any]:
         "agreement": found.to_dict(),
         "bytes": sizes,
         "dropped": dict(dropped),
-        "notes": [] if report.note is None else [report.note],
+        "notes": [*images.notes, *([] if report.note is None else [report.note])],
     }
-
-
-def _model_file(model: str) -> Path:
-    if model != _BUILTIN:
-        return Path(model)
-    from percept.detection.models import builtin_model
-
-    return builtin_model()
 
 
 def _check_target(target: Path, source: Path, *, force: bool) -> None:
@@ -113,6 +106,12 @@ class _LogImages:
     topics: tuple[str, ...]
     calibration: frozenset[int]
     compared: frozenset[int]
+    depth_topics: tuple[str, ...]
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know of them, as clauses."""
+        return [f"the depth images in {topic} are left alone" for topic in self.depth_topics]
 
     def read(
         self, numbers: frozenset[int], dropped: Counter[str] | None = None
@@ -139,7 +138,9 @@ def _picture_in(message: UndecodedMessage) -> Picture:
 def _choose_images(path: Path, wanted: int) -> _LogImages:
     """Spread images evenly over a log; every third is kept for the comparison."""
     with open_recording(path) as recording:
-        found = [t for t in recording.topics() if t.sample_type is CameraImage and t.count]
+        every = [t for t in recording.topics() if t.sample_type is CameraImage and t.count]
+        depths = {t.topic for t in every if first_image(recording, t.topic).is_depth}
+    found = [topic for topic in every if topic.topic not in depths]
     count = sum(topic.count for topic in found)
     if count < _LEAST_IMAGES:
         raise InsufficientDataError(
@@ -151,7 +152,7 @@ def _choose_images(path: Path, wanted: int) -> _LogImages:
     numbers = [number * (count - 1) // (chosen - 1) for number in range(chosen)]
     compared = frozenset(numbers[1::3])
     topics = tuple(topic.topic for topic in found)
-    return _LogImages(path, topics, frozenset(numbers) - compared, compared)
+    return _LogImages(path, topics, frozenset(numbers) - compared, compared, tuple(sorted(depths)))
 
 
 def _quantize(

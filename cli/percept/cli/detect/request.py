@@ -57,7 +57,7 @@ class ModelRequest:
     Attributes:
         name: What the run calls it.
         path: The ONNX file.
-        every: Of each camera, every how manieth image it looks at.
+        every: Of each camera, it looks at one image in so many.
         classes: File with its class names, or None.
     """
 

@@ -49,9 +49,10 @@ def _show_images(counts: Mapping[str, Any], models: Mapping[str, Any]) -> None:
         for found in counts["boxes_2d"][name].values():
             labels.update(found)
         width, height = model["input_size"]
+        classes = "unnamed" if model["class_count"] is None else model["class_count"]
         rate = "every image" if model["every"] == 1 else f"one image in {model['every']}"
         typer.echo(
-            f"{name}: {model['layout']}, {model['class_count']} classes, {width}x{height} "
+            f"{name}: {model['layout']}, {classes} classes, {width}x{height} "
             f"{model['pixels']} on {model['device']}, {rate}; "
             f"{labels.total()} boxes ({_listed(labels)})"
         )

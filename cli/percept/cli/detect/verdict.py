@@ -92,8 +92,7 @@ def judge(
     judged = 0 if scans is None else scans.frames
     looked_at = 0 if cameras is None else cameras.looked_at
     if not judged and not looked_at:
-        nothing = "no scan could be judged" if scans is not None else "no image could be used"
-        return Verdict.BAD, (nothing,), ("Look with `percept inspect`",)
+        return Verdict.BAD, (_nothing(scans, cameras),), ("Look with `percept inspect`",)
     losses = {**(scans.losses if scans else {}), **(cameras.losses if cameras else {})}
     if losses:
         lost = ", ".join(f"{count} x {reason}" for reason, count in losses.items())
@@ -112,6 +111,14 @@ def judge(
         (f"the log was read in full, and {' and '.join(parts)} without a doubt",),
         (),
     )
+
+
+def _nothing(scans: RunFacts | None, cameras: CameraFacts | None) -> str:
+    if scans is not None or cameras is None:
+        return "no scan could be judged"
+    if not cameras.images:
+        return "no image in this part of the log"
+    return "no image could be used"
 
 
 def _add_scan_doubts(facts: RunFacts, doubts: list[str], advice: list[str]) -> None:

@@ -111,9 +111,16 @@ class Letterbox:
         resized = cv2.resize(image, self.resized, interpolation=cv2.INTER_LINEAR)
         working = np.uint8 if dtype == "uint8" else np.float32
         levels = (np.arange(256) * pixels.scale).astype(working)
-        tensor = np.full((3, *self.input_size[::-1]), levels[self.pad])
         (left, top), (width, height) = self.offset, self.resized
+        tensor = np.empty((3, *self.input_size[::-1]), working)
         inside = tensor[:, top : top + height, left : left + width]
+        for border in (
+            tensor[:, :top],
+            tensor[:, top + height :],
+            tensor[:, :, :left],
+            tensor[:, :, left + width :],
+        ):
+            border[...] = levels[self.pad]
         fill_planes(inside, np.asarray(resized, np.uint8), levels, reverse=pixels.order == "rgb")
         if channels_last:
             tensor = np.ascontiguousarray(tensor.transpose(1, 2, 0))

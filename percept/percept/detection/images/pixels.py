@@ -41,6 +41,11 @@ def as_bgr8(pixels: NDArray[Any], white_level: float | None = None) -> NDArray[n
     Raises:
         GeometryError: If the shape is not that of a picture, or the white level is not known.
     """
+    if not isinstance(pixels, np.ndarray):
+        raise GeometryError(
+            f"an image is an array, not {type(pixels).__name__}",
+            remedy="cv2.imread gives None where it cannot read a file",
+        )
     if pixels.ndim not in (2, 3) or (pixels.ndim == 3 and pixels.shape[2] not in (1, 3)):
         raise GeometryError(
             f"an image is (H, W) or (H, W, 3) in BGR, not {pixels.shape}",

@@ -32,10 +32,12 @@ def regions_of(image_size: tuple[int, int], tiles: tuple[int, int], overlap: flo
         tiles: (columns, rows); (1, 1) gives the whole image only.
         overlap: Share of a tile that it has in common with its neighbour, 0 to below 1.
     """
+    whole = (0, 0, *image_size)
+    if tiles == (1, 1):
+        return [whole]
     columns, rows = (
         _spans(length, count, overlap) for length, count in zip(image_size, tiles, strict=True)
     )
-    whole = (0, 0, *image_size)
     cut = [(x1, y1, x2, y2) for y1, y2 in rows for x1, x2 in columns]
     return [whole, *(tile for tile in cut if tile != whole)]
 
@@ -65,6 +67,8 @@ def join_regions(
         gains: Input pixels an image pixel, by region: the unit in which a box ends at a border.
         image_size: (width, height), pixels.
     """
+    if len(parts) == 1:
+        return parts[0]
     placed = [
         FoundBoxes(part.boxes_px + region[:2] * 2, part.class_ids, part.scores)
         for part, region in zip(parts, regions, strict=True)

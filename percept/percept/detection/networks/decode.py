@@ -1,8 +1,9 @@
 """Output tensors as boxes: one function for each family of networks.
 
-Boxes are x1, y1, x2, y2 in pixels of the network's input; a box has its best class, as in the
-demonstration programs of ultralytics and YOLOX. Scores are compared with the threshold before any
-box is computed, since nearly all boxes of an image are background.
+Boxes are x1, y1, x2, y2 in pixels of the network's input, or of the image where the network is told
+its size; a box has its best class, as in the demonstration programs of ultralytics and YOLOX.
+Scores are compared with the threshold before any box is computed, since nearly all boxes of an
+image are background.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import InputError
+from percept.detection.boxes.found import FoundBoxes
 from percept.detection.networks.cells import cells_of, strides_of
 from percept.detection.networks.decode_grids import decode_v4_grid, decode_v5_grid, decode_v7_grid
-from percept.detection.networks.layout import Candidates, Layout
+from percept.detection.networks.layout import Layout
 
 __all__ = ["NAMES", "decode", "main_table"]
 
@@ -28,8 +30,8 @@ _TOLERANCE = 2e-3  # of a probability in half precision
 
 def decode(
     layout: Layout, outputs: Tensors, image_index: int, score_threshold: float
-) -> Candidates:
-    """Return the boxes of one image.
+) -> FoundBoxes:
+    """Return the boxes of one image, before suppression.
 
     Args:
         layout: How the tensors are read.
@@ -49,7 +51,7 @@ def decode(
     ids = ids.astype(np.int64)
     if ids.size and not 0 <= ids.min() <= ids.max() < len(layout.class_names):
         raise _broken(layout, f"class {ids.max()}, but {len(layout.class_names)} class names")
-    return Candidates(boxes.astype(np.float64), ids, np.minimum(scores.astype(np.float64), 1.0))
+    return FoundBoxes(boxes.astype(np.float64), ids, np.minimum(scores.astype(np.float64), 1.0))
 
 
 def main_table(outputs: Tensors) -> NDArray[Any]:
@@ -198,8 +200,7 @@ def _v4(layout: Layout, outputs: Tensors, image: int, threshold: float) -> Found
 def _v3(_: Layout, outputs: Tensors, image: int, threshold: float) -> Found:
     """Boxes [b, N, 4] as y1, x1, y2, x2; scores [b, classes, N]; (image, class, box) to keep.
 
-    Source: ONNX model zoo, YOLOv3; its boxes are in pixels of the `image_shape` that it was
-    given, which is the input's own here.
+    Source: ONNX model zoo, YOLOv3; its boxes are in pixels of the `image_shape` that it was given.
     """
     indices = next(o for o in outputs if o.dtype.kind == "i").reshape(-1, 3)
     boxes = next(o for o in outputs if o.dtype.kind == "f" and o.shape[-1] == 4)

@@ -24,7 +24,12 @@ from percept.detection.networks.hints import Hints, read_hints
 from percept.detection.networks.input_size import choose_input_size, trial_pictures
 from percept.detection.networks.layout import Layout, PixelFormat
 from percept.detection.networks.network import Network
-from percept.detection.networks.readings import Reading, objection, possible_readings
+from percept.detection.networks.readings import (
+    Reading,
+    objection,
+    possible_readings,
+    two_classes_at_once,
+)
 from percept.detection.networks.special_outputs import GRIDS, special_readings, what_else_it_is
 
 __all__ = ["identify"]
@@ -51,6 +56,11 @@ class _Shown:
     size: tuple[int, int]
     grey: list[NDArray[Any]]
     textured: list[NDArray[Any]]
+
+    @property
+    def says_something(self) -> bool:
+        """Whether any output holds anything but zeros."""
+        return any(output.any() for output in (*self.grey, *self.textured))
 
     def __str__(self) -> str:
         pairs = zip(self.network.outputs, self.grey, strict=True)
@@ -84,8 +94,8 @@ def identify(
     size, why_size = choose_input_size(network, hints, input_size)
     wanted = None if pixels is None else _pixels_named(pixels)
     shown = _show(network, size, wanted)
-    given = None if class_names is None else as_class_names(list(class_names), "class names")
-    names = given or hints.class_names
+    given = None if class_names is None else as_class_names(class_names, "class names")
+    names = hints.class_names if given is None else given
     count = None if names is None else len(names)
     reading, why = (
         _found(shown, hints, count, given=given is not None)
@@ -99,6 +109,7 @@ def identify(
     return replace(
         made,
         class_names=resolved,
+        counts_classes=names is not None or reading.class_count is not None,
         channels_last=network.channels_last,
         pixels=chosen,
         why=(
@@ -116,17 +127,26 @@ def _show(network: Network, size: tuple[int, int], pixels: PixelFormat | None) -
             f"it is no detector: its output {strange[0]} is {strange[0].dtype}",
             where=network.path,
         )
-    scale = 1 / 255 if pixels is None else pixels.scale
-    white = 255.0 if network.image.dtype == "uint8" else 255 * scale
-    grey, textured = trial_pictures(network, size, white)
+    scales = (1 / 255, 1.0) if pixels is None else (pixels.scale,)
+    whites = (255.0,) if network.image.dtype == "uint8" else tuple(255 * s for s in scales)
     try:
-        return _Shown(network, size, network.run(grey), network.run(textured))
+        tried = (_shown_with(network, size, white) for white in whites)
+        # One that is made for the other range may put out nothing but zeros.
+        first = next(tried)
+        return (
+            first if first.says_something else next((s for s in tried if s.says_something), first)
+        )
     except InputError as e:
         if None not in network.image.shape[1:]:
             raise
         raise InputError(
             e.what, where=e.where, remedy="Give the input size that it was exported for"
         ) from e
+
+
+def _shown_with(network: Network, size: tuple[int, int], white: float) -> _Shown:
+    grey, textured = trial_pictures(network, size, white)
+    return _Shown(network, size, network.run(grey), network.run(textured))
 
 
 def _asked_for(shown: _Shown, layout: str) -> tuple[Reading, str]:
@@ -161,7 +181,10 @@ def _found(shown: _Shown, hints: Hints, count: int | None, *, given: bool) -> tu
     readings = _readings(shown)
     if any(r.name in GRIDS for r in readings):
         raise _with_grids(shown, readings)
-    against = {r.name: _objection(r, shown) for r in readings}
+    against = {
+        r.name: _objection(r, shown) or (_no_class(r, shown) if count is None else None)
+        for r in readings
+    }
     standing = [r for r in readings if against[r.name] is None]
     if not standing:
         reasons = "; ".join(f"as '{name}' {why}" for name, why in against.items())
@@ -192,6 +215,16 @@ def _objection(reading: Reading, shown: _Shown) -> str | None:
         return None
     grey, textured = (main_table(o)[0].astype(np.float64) for o in (shown.grey, shown.textured))
     return objection(reading, grey, textured, shown.size)
+
+
+def _no_class(reading: Reading, shown: _Shown) -> str | None:
+    """Object to a reading whose number of classes nobody confirms, where one of them is none."""
+    if reading.name not in ("v8", "v8-last"):
+        return None
+    table = main_table(shown.textured)[0].astype(np.float64)
+    if not two_classes_at_once(table.T if reading.name == "v8" else table):
+        return None
+    return "its objects would be of two classes at once: one is an objectness or an angle"
 
 
 def _main_name(shown: _Shown) -> str:
@@ -290,7 +323,8 @@ def _input_format(reading: Reading, shown: _Shown) -> Layout:
 def _is_decoded_yolox(shown: _Shown) -> bool:
     """Tell YOLOX from YOLOv6 where both have one decoded box a cell: YOLOv6's objectness is 1."""
     table = main_table(shown.textured)
-    return strides_of(shown.size, table.shape[1]) is not None and bool((table[..., 4] != 1).any())
+    unsure = (table[..., 4] > 0) & (table[..., 4] < 1)
+    return strides_of(shown.size, table.shape[1]) is not None and bool(unsure.any())
 
 
 def _pixels_named(name: str) -> PixelFormat:

@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-__all__ = ["Candidates", "Layout", "PixelFormat"]
+__all__ = ["Layout", "PixelFormat"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +36,8 @@ class Layout:
         pad: Grey level of the padding.
         needs_nms: Whether duplicates have yet to be suppressed.
         why: How each of these was found, in words.
+        counts_classes: Whether there are as many classes as names. A network that puts out finished
+            boxes does not tell; where nobody names its classes, the list is just long enough.
     """
 
     name: str
@@ -50,21 +49,4 @@ class Layout:
     pad: int = 114
     needs_nms: bool = True
     why: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
-    """Boxes that a network puts out for one image, before suppression.
-
-    Attributes:
-        boxes_input_px: (N, 4) float64 x1, y1, x2, y2 in the network's input image.
-        class_ids: (N,) int64.
-        scores: (N,) float64 in 0..1.
-    """
-
-    boxes_input_px: NDArray[np.float64]
-    class_ids: NDArray[np.int64]
-    scores: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.scores)
+    counts_classes: bool = True

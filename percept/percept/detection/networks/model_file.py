@@ -20,6 +20,7 @@ __all__ = ["ModelFile", "read_model_file"]
 
 # A protobuf message cannot be larger; larger networks keep their weights in files beside it.
 _MAX_BYTES = 2**31 - 1
+_MAX_DIGITS = 20  # of a number of bytes; onnxruntime judges what is longer
 _DOMAINS = frozenset(
     ["", "ai.onnx", "ai.onnx.ml", "com.microsoft", "com.microsoft.nchwc", "com.ms.internal.nhwc"]
 )
@@ -45,8 +46,8 @@ def read_model_file(path: Path) -> ModelFile:
 
     Raises:
         InputError: If there is no such file; it is truncated or no ONNX network; it keeps weights
-            outside of its folder or in a file that is missing; or it has operations that are not
-            part of ONNX, such as those of TensorRT.
+            outside of its folder or in a file that is missing or too short; or it has operations
+            that are not part of ONNX, such as those of TensorRT.
     """
     model = _parse(path)
     for node in _nodes(model.graph):
@@ -60,6 +61,8 @@ def read_model_file(path: Path) -> ModelFile:
 
 
 def _parse(path: Path) -> ModelProto:
+    if path.is_dir():
+        raise InputError("this is a folder", where=path, remedy="Give an ONNX file")
     if not path.is_file():
         raise InputError("there is no such file", where=path, remedy="Give an ONNX file")
     size = path.stat().st_size
@@ -170,3 +173,14 @@ def _check_external(path: Path, tensor: TensorProto) -> None:
         raise InputError(
             f"its external data {shown} are missing", where=path, remedy="Copy that file beside it"
         )
+    needed = _bytes(entries.get("offset", "")) + _bytes(entries.get("length", ""))
+    if (size := target.stat().st_size) < needed:
+        raise InputError(
+            f"its external data {shown} are cut off: {size} bytes, where {needed} are needed",
+            where=path,
+            remedy="Copy that file again",
+        )
+
+
+def _bytes(text: str) -> int:
+    return int(text) if text.isdecimal() and len(text) < _MAX_DIGITS else 0

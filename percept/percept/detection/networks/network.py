@@ -85,18 +85,28 @@ class Network:
     device_note: str
     session: ort.InferenceSession = field(repr=False)
 
-    def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
+    @property
+    def takes_image_size(self) -> bool:
+        """Whether it has an input for the size of the image, to put out boxes in the image."""
+        return len(self.inputs) > 1
+
+    def run(
+        self, tensor: NDArray[Any], image_size: tuple[int, int] | None = None
+    ) -> list[NDArray[Any]]:
         """Return the outputs, in the order of `outputs`.
 
         Args:
             tensor: (b, 3, H, W), or (b, H, W, 3) where the channels are last; any dtype, it
                 becomes that of the input.
+            image_size: (width, height) of the image that is in the tensor, for a network that
+                takes it; the tensor's own where it is None.
 
         Raises:
             InputError: If the network cannot be run on it.
         """
         feeds = {self.image.name: tensor.astype(self.image.dtype, copy=False)}
-        height, width = tensor.shape[1:3] if self.channels_last else tensor.shape[2:4]
+        rows, columns = tensor.shape[1:3] if self.channels_last else tensor.shape[2:4]
+        width, height = image_size or (columns, rows)
         for spec in self.inputs:
             if spec is not self.image:
                 feeds[spec.name] = np.array([[height, width]], spec.dtype)

@@ -2,7 +2,8 @@
 
 The shape of a table allows some readings, by the number of grid cells that a network of its input
 size has. What it holds for a plain grey and for a textured picture rules out the wrong ones: boxes
-of negative size, probabilities above one, hundreds of objects in plain grey.
+of negative size, probabilities above one, hundreds of objects in plain grey. Where it holds objects
+even for these, they are looked at before the background is.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from percept.detection.networks.cells import STRIDES, count_cells
 
-__all__ = ["Reading", "objection", "possible_readings"]
+__all__ = ["Reading", "objection", "possible_readings", "two_classes_at_once"]
 
 Table = NDArray[np.float64]
 
@@ -27,6 +28,7 @@ _MAX_ID = 10_000  # of a class
 _MAX_NEGATIVE = 0.25  # share of boxes of negative size
 _MAX_SHARE = 1.5  # of the picture; a box in pixels is larger
 _MAX_OFFSET = 8.0  # cells, that nearly all raw boxes lie within
+_MAX_LOG = 6.0  # of a raw box's size in cells: exp(6) cells are thousands of pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,8 @@ def possible_readings(shape: Sequence[int], size: tuple[int, int]) -> list[Readi
         if columns == 6:
             add("end2end", None, f"{rows} finished boxes")
             add("rt-detr-end2end", None, f"{rows} finished boxes in shares of the picture")
-        add("rt-detr", columns - 4, f"{rows} boxes in shares of the picture")
+        if not any(name == "v8" for name, _ in found):  # whose cells are no classes
+            add("rt-detr", columns - 4, f"{rows} boxes in shares of the picture")
     return list(found.values())
 
 
@@ -102,10 +105,17 @@ def _improbable(values: Table, what: str) -> str | None:
     return f"its {what} would be {values.min():.3g} to {values.max():.3g}"
 
 
-def _no_boxes(table: Table, size: tuple[int, int]) -> str | None:
-    """Object to boxes that are not centre, width and height in pixels, all over the picture."""
+def _no_boxes(table: Table, scores: Table, size: tuple[int, int]) -> str | None:
+    """Object to boxes that are not centre, width and height in pixels.
+
+    Objects are larger than a logarithm of their size, or a share of the picture, could be. Where
+    there are none, the boxes of the background still lie all over the picture.
+    """
     if _mostly_negative(table[:, 2:4]):
         return f"its boxes would have sizes down to {table[:, 2:4].min():.3g} pixels"
+    if (seen := scores > _SEEN).any():
+        largest = table[seen, 2:4].max()
+        return f"its boxes would reach only {largest:.3g} pixels" if largest <= _MAX_LOG else None
     reach = table[:, :2].max(axis=0)
     if (reach < np.array(size) / 4).any():
         return f"its boxes would reach only to {reach[0]:.3g}, {reach[1]:.3g} pixels"
@@ -118,17 +128,21 @@ def _mostly_negative(sizes: Table) -> bool:
 
 
 def _against_v8(table: Table, size: tuple[int, int]) -> str | None:
-    return _improbable(table[:, 4:], "class probabilities") or _no_boxes(table, size)
+    boxes_at_fault = _no_boxes(table, table[:, 4:].max(axis=1), size)
+    return _improbable(table[:, 4:], "class probabilities") or boxes_at_fault
 
 
 def _against_v5(table: Table, size: tuple[int, int]) -> str | None:
-    return _improbable(table[:, 4:], "probabilities") or _no_boxes(table, size)
+    boxes_at_fault = _no_boxes(table, _with_objectness(table), size)
+    return _improbable(table[:, 4:], "probabilities") or boxes_at_fault
 
 
 def _against_yolox(table: Table, _: tuple[int, int]) -> str | None:
     offset = float(np.quantile(np.abs(table[:, :2]), 0.95))
     if offset > _MAX_OFFSET:
         return f"its offsets would be {offset:.3g} cells"
+    if table[:, 2:4].max() > _MAX_LOG:
+        return f"its boxes would be exp({table[:, 2:4].max():.3g}) cells large"
     if table[:, :4].min() >= 0 and table[:, :4].max() <= 1:
         return "its offsets and logarithms of sizes would all lie in 0..1"
     return _improbable(table[:, 4:], "probabilities")
@@ -175,13 +189,33 @@ def _sees_in_grey(name: str, grey: Table) -> str | None:
     So an angle (in a network for rotated boxes) is told from a class probability, and an
     objectness from a class: where it is low, the class probabilities mean nothing.
     """
-    scores = grey[:, 4:].max(axis=1)
-    if name in ("v5", "yolox"):
-        scores = grey[:, 4] * grey[:, 5:].max(axis=1)
+    scores = _with_objectness(grey) if name in ("v5", "yolox") else grey[:, 4:].max(axis=1)
     seen = int((scores > _SEEN).sum())
     if seen <= max(_MAX_SEEN[0], _MAX_SEEN[1] * len(scores)):
         return None
     return f"it would see {seen} objects in a plain grey picture"
+
+
+def _with_objectness(table: Table) -> Table:
+    scores: Table = table[:, 4] * table[:, 5:].max(axis=1)
+    return scores
+
+
+def two_classes_at_once(table: Table) -> bool:
+    """Tell whether the first or last class is none, by the objects in an (N, 4 + classes) table.
+
+    Where each object would be of this class and of another, with probabilities that add up to
+    more than one, it is an objectness (the first one) or an angle (the last).
+    """
+    scores = table[:, 4:]
+    seen = scores[scores.max(axis=1) > _SEEN]
+    if not len(seen) or seen.shape[1] < 2:
+        return False
+    for one, others in ((seen[:, 0], seen[:, 1:]), (seen[:, -1], seen[:, :-1])):
+        best = others.max(axis=1)
+        if ((np.minimum(one, best) > _SEEN) & (one + best > 1)).all():
+            return True
+    return False
 
 
 _OBJECTIONS: dict[str, Callable[[Table, tuple[int, int]], str | None]] = {
