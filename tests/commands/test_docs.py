@@ -27,17 +27,25 @@ from percept.core.rig import load_rig
 from percept.core.settings import Settings
 from percept.datasets.inspection import InspectConfig
 from percept.datasets.synthetic.calibration.log import BOARD_COLUMNS
-from percept.datasets.synthetic.truth import LIGHT_COLUMNS, OBJECT_COLUMNS
-from percept.export.tables import DETECTIONS_3D
+from percept.datasets.synthetic.truth import BOX_COLUMNS, LIGHT_COLUMNS, OBJECT_COLUMNS
+from percept.detection import agreement
+from percept.detection.images.pixels import PIXEL_FORMATS
+from percept.detection.networks.decode import NAMES as LAYOUTS
+from percept.detection.yolo_config import YoloConfig
+from percept.evaluation.boxes_2d import BoxScoreConfig
+from percept.export.image_table import IMAGES_2D
+from percept.export.tables import DETECTIONS_2D, DETECTIONS_3D
 from percept.lidar import Rules, load_rules
 from percept.lidar.classify import ShapeRule
 
 _ROOT = Path(__file__).resolve().parents[2]
 _PAGES = sorted([*_ROOT.glob("*.md"), *(_ROOT / "docs").glob("*.md")])
 _NOTEBOOKS = sorted((_ROOT / "notebooks").glob("*.ipynb"))
-_FOREIGN_OPTIONS = {"--upgrade", "--data"}  # of pip, and of the benchmarks
+# Of pip, the benchmarks, and the scripts that export and train networks.
+_FOREIGN_OPTIONS = {"--upgrade", "--data", "--grid", "--end2end", "--weights", "--include"}
 _LARGEST_PICTURE = 300_000
-_PAGE_PICTURES = {"calib_check.png", "calib_report.png", "inspect.png", "report.png"}  # a browser's
+# Taken with a browser.
+_PAGE_PICTURES = {"calib_check.png", "calib_report.png", "eval.png", "inspect.png", "report.png"}
 
 
 def _page(name: str) -> str:
@@ -120,7 +128,9 @@ def test_every_option_in_the_docs_exists(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for call in _invocations(text):
         known = [name for name in _OPTIONS if call.startswith(name)]
-        assert known or re.match(r"--|COMMAND|(synth|calib)$", call), f"{page.name}: percept {call}"
+        assert known or re.match(r"--|COMMAND|(synth|calib|eval)$", call), (
+            f"{page.name}: percept {call}"
+        )
         named = set(re.findall(r"--[a-z][a-z-]+", call))
         allowed = _OPTIONS[max(known, key=len)] if known else {"--help", "--version"}
         assert named <= allowed, f"{page.name}: percept {call}"
@@ -132,13 +142,13 @@ def test_every_option_in_the_docs_exists(page: Path) -> None:
 @pytest.mark.parametrize(
     "command",
     [
-        "detect", "inspect", "synth drive", "synth calib", "calib camera", "calib lidar",
-        "calib camera-lidar", "calib check", "calib export",
+        "detect", "detect quantize", "eval detections", "inspect", "synth drive", "synth calib",
+        "calib camera", "calib lidar", "calib camera-lidar", "calib check", "calib export",
     ],
 )  # fmt: skip
 def test_a_page_names_every_option_of_its_command(command: str) -> None:
-    name = command.replace(" ", "-") if command.startswith("calib") else command.split()[0]
-    text = _page(f"docs/{name}.md")
+    own = _ROOT / "docs" / f"{command.replace(' ', '-')}.md"
+    text = _page(f"docs/{own.name if own.exists() else command.split()[0] + '.md'}")
     missing = [o for o in _OPTIONS[command] - {"--help"} if o not in text]
     assert not missing
 
@@ -175,10 +185,43 @@ def test_the_settings_of_detect_are_complete_and_are_the_defaults() -> None:
     assert _keys(values) == _keys(DetectConfig().model_dump()) - refused
 
 
-@pytest.mark.parametrize("model", [InspectConfig, ShapeRule, Rules])
-def test_every_key_of_limits_and_rules_is_named(model: type[Settings]) -> None:
-    text = _page("docs/inspect.md" if model is InspectConfig else "docs/detect.md")
+def test_the_settings_of_a_network_are_complete_and_are_the_defaults() -> None:
+    (block,) = _blocks(_section(_page("docs/networks.md"), "Settings"), "yaml")
+    ((_, values),) = yaml.safe_load(block)["models"].items()
+    assert YoloConfig.model_validate(values) == YoloConfig()
+    assert values.keys() == YoloConfig.model_fields.keys()
+
+
+@pytest.mark.parametrize(
+    ("model", "page"),
+    [
+        (InspectConfig, "inspect"),
+        (ShapeRule, "detect"),
+        (Rules, "detect"),
+        (BoxScoreConfig, "eval-detections"),
+    ],
+)
+def test_every_key_of_limits_and_rules_is_named(model: type[Settings], page: str) -> None:
+    text = _page(f"docs/{page}.md")
     assert not [key for key in model.model_fields if key not in text]
+
+
+def test_every_layout_and_pixel_format_has_its_row() -> None:
+    text = _page("docs/networks.md")
+    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
+    assert set(re.findall(r"`([\w-]+)`", "".join(rows))) == {*LAYOUTS, *PIXEL_FORMATS}
+
+
+def test_the_limits_of_quantised_networks_are_those_of_the_code() -> None:
+    text = _page("docs/detect-quantize.md")
+    for row in (
+        f"IoU of 0.5, below | {agreement.GOOD_SHARE_50:.0%} | {agreement.BAD_SHARE_50:.0%} |",
+        f"IoU of 0.75, below | {agreement.GOOD_SHARE_75:.0%} | |",
+        f"in the mean by more than | {agreement.GOOD_SHIFT:.2f} | {agreement.BAD_SHIFT:.2f} |",
+        f"fewer than | {agreement.LEAST_BOXES} | |",
+        f"as fast, less than | {agreement.LEAST_SPEED} | |",
+    ):
+        assert row in text.replace(" %", "%")
 
 
 def test_the_rule_in_the_docs_is_the_one_that_ships(tmp_path: Path) -> None:
@@ -194,8 +237,11 @@ def test_the_rule_in_the_docs_is_the_one_that_ships(tmp_path: Path) -> None:
     ("page", "columns"),
     [
         ("docs/detect.md", DETECTIONS_3D.names),
+        ("docs/detect.md", DETECTIONS_2D.names),
+        ("docs/detect.md", IMAGES_2D.names),
         ("docs/synth.md", OBJECT_COLUMNS.names),
         ("docs/synth.md", LIGHT_COLUMNS.names),
+        ("docs/synth.md", BOX_COLUMNS.names),
         ("docs/synth.md", BOARD_COLUMNS.names),
     ],
 )
@@ -251,6 +297,24 @@ def test_the_tutorial_runs_as_it_stands(tmp_path: Path) -> None:
     assert barrels["ruled"] > barrels["tuned"], "the rule that was edited must have an effect"
 
 
+def test_the_tutorial_of_cameras_runs_as_it_stands(tmp_path: Path) -> None:
+    _follow("docs/tutorial-cameras.md", tmp_path)
+    near, far = (_scores(tmp_path / name) for name in ("near", "far"))
+    assert (near["images"], far["images"]) == (20, 4)
+    assert near["ap50"] > 0.5
+    run = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert run["verdict"] == "good"
+    assert run["counts"]["boxes_2d_placed"]["cluster"] > 100
+    tuned = json.loads((tmp_path / "tuned" / "run.json").read_text())["counts"]["boxes_2d"]["near"]
+    first = run["counts"]["boxes_2d"]["near"]
+    assert 0 < sum(tuned["cam_front"].values()) < sum(first["cam_front"].values())
+
+
+def _scores(run: Path) -> dict[str, Any]:
+    scores: dict[str, Any] = json.loads((run / "scores.json").read_text())
+    return scores
+
+
 def test_the_tutorial_of_calibration_ends_at_the_truth(tmp_path: Path) -> None:
     _follow("docs/tutorial-calibration.md", tmp_path)
     for run in ("lidars", "camera", "rig"):
@@ -288,6 +352,11 @@ def test_the_python_of_the_readme_runs(drive: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert re.match(r"\d+% ground, \d+ clusters", done.stdout)
+
+
+def test_the_python_of_the_page_of_networks_runs(tmp_path: Path) -> None:
+    assert len(_blocks(_page("docs/networks.md"), "python")) == 1
+    _follow("docs/networks.md", tmp_path)
 
 
 @pytest.mark.parametrize("path", _NOTEBOOKS, ids=lambda path: path.name)
