@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -233,6 +234,17 @@ def test_a_run_without_a_usable_image_is_bad(
     assert "verdict: bad: no image could be used" in done.stdout
 
 
+def test_a_part_of_the_log_without_images_is_named(
+    drive4: Path, models: Models, run: Run, tmp_path: Path
+) -> None:
+    done = run(
+        "detect", "--bag", drive4, "--camera-only", *_flags(models, "one"), "--start", 9,
+        "--out", tmp_path / "run",
+    )  # fmt: skip
+    assert done.exit_code == 4
+    assert "verdict: bad: no image in this part of the log" in done.stdout
+
+
 def test_a_network_that_finds_nothing_is_doubtful(drive4: Path, run: Run, tmp_path: Path) -> None:
     silent = yolo_graph(tmp_path / "silent.onnx", "v8", size=(320, 320), class_count=80)
     done = run(
@@ -300,6 +312,7 @@ def _image(topic: str, number: int, pixels: NDArray[np.uint8]) -> CameraImage:
     )
 
 
+_LEFT, _TOP = "/cam_left/image_raw/compressed", "/lidar_top/points"
 _GOOD = ("--model", "one={one}")
 
 
@@ -319,13 +332,16 @@ _GOOD = ("--model", "one={one}")
         ((*_GOOD, "--pixels", "hsv"), 2, ("one.pixels", "bgr255")),
         ((*_GOOD, "--score", "1.5"), 2, ("score",)),
         ((*_GOOD, "--lidar-only"), 2, ("--lidar-only",)),
-        ((*_GOOD, "--topic", "cam=/nope"), 3, ("/nope", "/cam_left/image_raw/compressed")),
+        ((*_GOOD, "--topic", f"a={_LEFT}", "--topic", f"b={_LEFT}"), 2, ("'a' and 'b' are one",)),
+        (("--topic", "a={top}", "--topic", "b={top}"), 2, ("'a' and 'b' are one LiDAR",)),
+        ((*_GOOD, "--bag", "{drive}", "--bag", "{drive}"), 2, ("--bag names a log twice",)),
+        ((*_GOOD, "--topic", "cam=/nope"), 3, ("/nope", _LEFT)),
         (("--camera-only",), 2, ("--model NAME=FILE.onnx",)),
         (("--lidar-only", "--camera-only"), 2, ("nothing",)),
         (("--layout", "v8"), 2, ("--model",)),
         (("--score", "0.5"), 2, ("--score is for --model",)),
         (("--undistort",), 2, ("--undistort is for --model",)),
-        (("--topic", "cam=/cam_left/image_raw/compressed"), 2, ("--model NAME=FILE.onnx",)),
+        (("--topic", f"cam={_LEFT}"), 2, ("--model NAME=FILE.onnx",)),
         ((*_GOOD, "--config", "{config}"), 2, ("'far'", "one")),
         ((*_GOOD, "--undistort", "--camera-only", "--bag", "{pictures}"), 2, ("lens",)),
     ],
@@ -345,7 +361,7 @@ def test_what_cannot_be_asked_for_is_one_line(
     pictures = tmp_path / "pictures.mcap"
     with LogWriter(pictures, "mcap") as writer:
         writer.write(_image("/cam/image_raw", 0, np.zeros((40, 60, 3), np.uint8)))
-    places = {**models, "config": config, "pictures": pictures}
+    places = {**models, "config": config, "pictures": pictures, "drive": drive4, "top": _TOP}
     given = [argument.format(**places) for argument in arguments]
     bag = [] if "--bag" in given else ["--bag", drive4]
     done = run("detect", *bag, *given, "--out", tmp_path / "run")
@@ -399,6 +415,26 @@ def test_a_stopped_run_resumes_to_the_same_tables(
     for name in _TABLES:
         assert (out / name).read_bytes() == (three / name).read_bytes(), name
     assert not list(out.glob(".*"))
+
+
+def test_a_run_stops_before_the_disk_is_full(
+    drive4: Path, models: Models, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, left = tmp_path / "run", iter([100 << 20] * 9)
+
+    def shrinking(_folder: Path) -> SimpleNamespace:
+        return SimpleNamespace(free=next(left, 63 << 20))
+
+    command = ("detect", "--bag", drive4, "--camera-only", *_flags(models, "one"), "--out", out)
+    with monkeypatch.context() as patch:
+        patch.setattr("percept.cli.detect.outputs.shutil.disk_usage", shrinking)
+        done = run(*command)
+    assert done.exit_code == 2
+    assert f"{out}: only 63 MB are left on its disk. Make room" in done.stderr
+    resumed = run(*command, "--resume", "--json")
+    assert resumed.exit_code == 0, resumed.stderr
+    frames = [row["frame"] for row in _rows(out, "images_2d.parquet")]
+    assert frames == list(range(4 * _IMAGES_OF_ONE))
 
 
 def test_a_killed_run_resumes_to_the_same_tables(

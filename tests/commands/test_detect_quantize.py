@@ -73,8 +73,10 @@ def test_says_in_words_what_it_did(
 def test_what_is_no_picture_is_named(place: Path, tmp_path: Path) -> None:
     with LogWriter(tmp_path / "log.mcap", "mcap", images="png") as log:
         for number in range(24):
-            depth = np.full((64, 64), number, np.uint16)
-            for topic, pixels in (("/cam", lamp_picture(number)), ("/depth", depth)):
+            deep = np.full((64, 64), number, np.uint16)
+            for topic, pixels in (
+                ("/cam", lamp_picture(number)), ("/infrared", deep), ("/depth", deep),
+            ):  # fmt: skip
                 log.write(
                     CameraImage(topic=topic, stamp_ns=number, log_time_ns=number, pixels=pixels)
                 )
@@ -85,10 +87,11 @@ def test_what_is_no_picture_is_named(place: Path, tmp_path: Path) -> None:
     run = json.loads(result.stdout)
     assert run["exit_code"] == 0
     assert list(run["dropped"]) == [
-        "images of /depth (uint16 pixels do not say which value is white)"
+        "images of /infrared (uint16 pixels do not say which value is white)"
     ]
     assert sum(run["dropped"].values()) == 24
     assert sum(run["images"].values()) == 24
+    assert run["notes"] == ["the depth images in /depth are left alone"]
 
 
 def test_a_bad_network_is_not_written(
