@@ -67,13 +67,14 @@ _SEEN = CameraFacts(images={"front": 20, "rear": 20}, boxes={"near": 9, "far": 1
         ({"unusable": {"front": 1, "rear": 0}}, "1 of 20 images of front cannot be used"),
         ({"unusable": {"front": 20}}, "20 of 20 images of front cannot be used"),
         ({"boxes": {"near": 9, "far": 0}}, "'far' found nothing in 40 images"),
+        ({"without_places": {"front": 20}}, "not one of 20 boxes of front got a place"),
     ],
 )
 @pytest.mark.parametrize("scans", [None, _SOUND])
 def test_cameras_are_doubtful_beyond_each_limit(
     scans: RunFacts | None, doubtful: dict[str, Any], why: str
 ) -> None:
-    assert judge(scans, _SEEN)[0] == Verdict.GOOD
+    assert judge(scans, replace(_SEEN, without_places={"front": 19}))[0] == Verdict.GOOD
     verdict, reasons, advice = judge(scans, replace(_SEEN, **doubtful))
     assert verdict == Verdict.DOUBTFUL
     assert len(reasons) == len(advice) == 1

@@ -59,7 +59,7 @@ def log_intrinsics(
     own_size = info.image_size if min(info.image_size) > 0 else image_size
     problem = implausible_intrinsics(replace(info, image_size=own_size), own_size)
     if problem is not None:
-        return None, f"its intrinsics are not known: those in {topic} are {problem}"
+        return None, f"its intrinsics are not known: those in {topic} make no sense ({problem})"
     if _RECTIFIED.search(image.topic) and info.distortion.any():
         return None, (
             f"its intrinsics are not known: the images are rectified, and {topic} tells of those "

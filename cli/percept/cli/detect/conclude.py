@@ -48,7 +48,7 @@ def conclude(
     losses = _losses(recording, plan)
     verdict, why, advice = judge(
         None if plan.lidars is None else _scan_facts(plan.lidars, plan, scans, losses),
-        None if plan.cameras is None else _camera_facts(images, losses),
+        None if plan.cameras is None else _camera_facts(plan, images, losses),
     )
     notes = [*plan.all_notes, *facts.notes]
     left_out = {**losses, **facts.dropped}
@@ -106,14 +106,21 @@ def _scan_facts(
     )
 
 
-def _camera_facts(summary: CameraSummary, losses: Mapping[str, int]) -> CameraFacts:
+def _camera_facts(plan: RunPlan, summary: CameraSummary, losses: Mapping[str, int]) -> CameraFacts:
     boxes = dict.fromkeys(summary.models, 0)
-    for (_, model), totals in summary.totals.items():
+    placeable = plan.cameras.places(plan.lidars) if plan.cameras is not None else {}
+    found = dict.fromkeys(placeable, 0)
+    placed = dict.fromkeys(placeable, 0)
+    for (camera, model), totals in summary.totals.items():
         boxes[model] += totals.boxes
+        if camera in placeable:
+            found[camera] += totals.boxes
+            placed[camera] += sum(n for source, n in totals.sources.items() if source)
     return CameraFacts(
         images={name: totals.images for name, totals in summary.cameras.items()},
         unusable={name: totals.failed for name, totals in summary.cameras.items()},
         boxes=boxes,
+        without_places={name: n for name, n in found.items() if n and not placed[name]},
         losses=losses,
     )
 

@@ -52,7 +52,8 @@ def _show_images(counts: Mapping[str, Any], models: Mapping[str, Any]) -> None:
         classes = "unnamed" if model["class_count"] is None else model["class_count"]
         rate = "every image" if model["every"] == 1 else f"one image in {model['every']}"
         typer.echo(
-            f"{name}: {model['layout']}, {classes} classes, {width}x{height} "
+            f"{name}: {model['layout']}, {classes} classes, "
+            f"{'up to ' if model['rectangles'] else ''}{width}x{height} "
             f"{model['pixels']} on {model['device']}, {rate}; "
             f"{labels.total()} boxes ({_listed(labels)})"
         )

@@ -13,6 +13,7 @@ A frame is a scan or an image.
 | not one object in the whole run | doubtful |
 | an image could not be used | doubtful |
 | a network found nothing in the whole run | doubtful |
+| at least 20 boxes of a camera whose lens and place are known, and not one got a place | doubtful |
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ _LARGEST_HEIGHT_SPREAD_M = 0.10
 _LARGEST_HEIGHT_ERROR_M = 0.3
 _GROUND_SHARE = (0.05, 0.95)
 _LARGEST_MISSING_SHARE = 0.1
+_LEAST_BOXES_WITHOUT_PLACES = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,12 +66,15 @@ class CameraFacts:
         images: Images that models were to look at, by camera.
         unusable: How many of them could not be used, by camera.
         boxes: Boxes of each model over all cameras.
+        without_places: Boxes of the cameras whose lens and place among the sensors are known and
+            of which not one box got a place, by camera.
         losses: What could not be read or decoded, by reason.
     """
 
     images: Mapping[str, int]
     unusable: Mapping[str, int] = field(default_factory=dict)
     boxes: Mapping[str, int] = field(default_factory=dict)
+    without_places: Mapping[str, int] = field(default_factory=dict)
     losses: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -148,6 +153,10 @@ def _add_camera_doubts(facts: CameraFacts, doubts: list[str], advice: list[str])
         if not count:
             doubts.append(f"'{model}' found nothing in {facts.looked_at} images")
             advice.append("Check the network's --pixels, --layout and --score")
+    for camera, count in facts.without_places.items():
+        if count >= _LEAST_BOXES_WITHOUT_PLACES:
+            doubts.append(f"not one of {count} boxes of {camera} got a place in space")
+            advice.append("Check stamps with `percept inspect`, lens and rig with `calib check`")
 
 
 def _ground_doubts(facts: RunFacts) -> list[str]:
