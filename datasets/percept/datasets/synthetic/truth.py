@@ -24,9 +24,6 @@ from percept.datasets.synthetic.world import World
 if TYPE_CHECKING:
     from percept.datasets.synthetic.visible import VisibleBoxes
 
-if TYPE_CHECKING:
-    from percept.datasets.synthetic.visible import VisibleBoxes
-
 __all__ = [
     "BOX_COLUMNS",
     "IMAGE_COLUMNS",
@@ -79,18 +76,6 @@ BOX_COLUMNS = pa.schema(
         *((name, pa.float64()) for name in (*_EDGES, "visible", "range_m")),
     ]
 )
-BOX_2D_COLUMNS = pa.schema(
-    [
-        ("stamp_ns", pa.int64()),
-        ("camera", pa.string()),
-        ("track_id", pa.int64()),
-        ("label", pa.string()),
-        *((name, pa.float64()) for name in ("x1_px", "y1_px", "x2_px", "y2_px")),
-        ("visible", pa.float64()),
-        ("range_m", pa.float64()),
-    ]
-)
-"""What each image shows; see `VisibleBoxes`."""
 _ROWS_PER_GROUP = 4096
 
 
@@ -129,30 +114,6 @@ class TableStream:
         if self._rows and error is None:
             self._flush(len(self._rows))
         self._writer.close()
-
-
-def box_2d_rows(camera: str, stamp_ns: int, seen: VisibleBoxes) -> list[dict[str, Any]]:
-    """Return one row for every object that is seen in an image."""
-    columns = zip(
-        seen.ids.tolist(),
-        seen.labels,
-        seen.boxes_px.tolist(),
-        seen.visible.tolist(),
-        seen.range_m.tolist(),
-        strict=True,
-    )
-    return [
-        {
-            "stamp_ns": stamp_ns,
-            "camera": camera,
-            "track_id": track_id,
-            "label": label,
-            **dict(zip(("x1_px", "y1_px", "x2_px", "y2_px"), box, strict=True)),
-            "visible": visible,
-            "range_m": range_m,
-        }
-        for track_id, label, box, visible, range_m in columns
-    ]
 
 
 def object_rows(
