@@ -25,12 +25,19 @@ _ARROWS = {
     "core": set(),
     "lidar": {"core"},
     "detection": {"core", "lidar"},
+    "tracking": {"core"},
+    "hdmap": {"core"},
+    "lights": {"core", "hdmap"},
+    "odometry": {"core", "datasets"},
     "evaluation": {"core"},
     "calib": {"core", "lidar"},
     "datasets": {"core", "calib"},
     "export": {"core", "lidar", "detection", "evaluation", "calib"},
-    "cli": {"core", "lidar", "detection", "evaluation", "calib", "datasets", "export"},
-}
+    "cli": {
+        "core", "lidar", "detection", "tracking", "hdmap", "lights", "odometry", "evaluation",
+        "calib", "datasets", "export",
+    },
+}  # fmt: skip
 
 # Heavy third-party packages and the only files that may import them.
 _HEAVY = {
@@ -42,9 +49,16 @@ _HEAVY = {
     "onnx": {"percept.detection.networks.model_file", "percept.detection.quantize"},
     "pycocotools": {"percept.evaluation.boxes_2d.coco"},
     "torch": set(),
+    "kiss_icp": {"percept.odometry.lidar"},
+    "lxml": {"percept.hdmap.osm"},
+    "sklearn": set(),
+    "trackeval": set(),
+    "motmetrics": set(),
+    "lanelet2": set(),
     "numba": {"percept.lidar", "percept.detection", "percept.calib", "percept.datasets"},
     "numpy": {
-        "percept.core", "percept.lidar", "percept.detection", "percept.evaluation", "percept.calib",
+        "percept.core", "percept.lidar", "percept.detection", "percept.tracking", "percept.hdmap",
+        "percept.lights", "percept.odometry", "percept.evaluation", "percept.calib",
         "percept.datasets", "percept.export",
     },
 }  # fmt: skip
@@ -90,7 +104,7 @@ def test_help_loads_nothing_heavy() -> None:
         "try: main()\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'cv2', 'numba', 'rosbags', 'mcap', 'rerun', 'pyarrow', 'pydantic',\n"
-        "         'onnx', 'onnxruntime', 'pycocotools', 'torch'}\n"
+        "         'onnx', 'onnxruntime', 'pycocotools', 'torch', 'kiss_icp', 'lxml', 'scipy'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from percept.core.errors import GeometryError
 
-__all__ = ["Detections2D", "Detections3D", "Verdict"]
+__all__ = ["Detections2D", "Detections3D", "LightStates", "Tracks", "Verdict"]
 
 
 class Verdict(StrEnum):
@@ -68,7 +68,7 @@ class Detections3D:
         labels: N class names.
         confidences: (N,) float64 in 0..1.
         mean_intensity: (N,) float64 in the sensor's own units; NaN where it has none.
-        points: (N,) int64 number of points in each box's cluster.
+        points: (N,) int64 number of points in each box's cluster; 0 where that is not known.
 
     Raises:
         GeometryError: If the columns do not have one length.
@@ -80,16 +80,103 @@ class Detections3D:
     boxes_m: NDArray[np.float64]
     labels: tuple[str, ...]
     confidences: NDArray[np.float64]
-    mean_intensity: NDArray[np.float64]
-    points: NDArray[np.int64]
+    mean_intensity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    points: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self) -> None:
+        if self.labels and not len(self.mean_intensity):
+            object.__setattr__(self, "mean_intensity", np.full(len(self.labels), np.nan))
+        if self.labels and not len(self.points):
+            object.__setattr__(self, "points", np.zeros(len(self.labels), np.int64))
         _check_columns(
             self.boxes_m, 7, self.labels, self.confidences, self.mean_intensity, self.points
         )
 
     def __len__(self) -> int:
         return len(self.boxes_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Tracks:
+    """The tracks of one moment.
+
+    Attributes:
+        stamp_ns: The moment.
+        frame_id: Frame that boxes and velocities are given in: one that does not move.
+        ids: (N,) int64, one for each object, never used twice in a drive.
+        boxes_m: (N, 7) float64 as in `Detections3D`.
+        velocities_mps: (N, 2) float64 over the ground along x and y of the frame.
+        labels: N class names, each the most probable one.
+        label_probabilities: (N,) float64 probability of that class.
+        states: `full` for an object that is confirmed, `trial` for one that is not yet.
+        position_sd_m: (N,) float64 standard deviation of the position in x and y, the larger one.
+        velocity_sd_mps: (N,) float64 the same of the velocity.
+        observed: (N,) bool whether a detection at this very moment is in it; otherwise the
+            state is predicted, or interpolated with hindsight.
+
+    Raises:
+        GeometryError: If the columns do not have one length.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    ids: NDArray[np.int64]
+    boxes_m: NDArray[np.float64]
+    velocities_mps: NDArray[np.float64]
+    labels: tuple[str, ...]
+    label_probabilities: NDArray[np.float64]
+    states: tuple[str, ...]
+    position_sd_m: NDArray[np.float64]
+    velocity_sd_mps: NDArray[np.float64]
+    observed: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        _check_columns(
+            self.boxes_m, 7, self.labels, self.ids, self.label_probabilities,
+            np.empty(len(self.states)), self.position_sd_m, self.velocity_sd_mps, self.observed,
+        )  # fmt: skip
+        if self.velocities_mps.shape != (len(self.labels), 2):
+            raise GeometryError(f"velocities are (N, 2), not {self.velocities_mps.shape}")
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LightStates:
+    """The traffic lights of one moment.
+
+    Attributes:
+        stamp_ns: The moment.
+        ids: (N,) int64: the light's id in the map, or that of a track of boxes without a map.
+        states: What each shows: `red`, `yellow`, `green`; `dark` for a housing that is seen and
+            of which no lamp shines; `unknown` where it is not seen, or where the evidence does
+            not decide. Of a flashing light the colour that flashes, also while it is dark.
+        flashing: (N,) bool; with the state `unknown` until a lit lamp was seen.
+        probabilities: (N,) float64 of that state and whether it flashes.
+        cameras: For each light the cameras that saw it at or shortly before this moment.
+
+    Raises:
+        GeometryError: If the columns do not have one length.
+    """
+
+    stamp_ns: int
+    ids: NDArray[np.int64]
+    states: tuple[str, ...]
+    flashing: NDArray[np.bool_]
+    probabilities: NDArray[np.float64]
+    cameras: tuple[tuple[str, ...], ...]
+
+    def __post_init__(self) -> None:
+        lengths = {
+            len(column)
+            for column in (self.ids, self.states, self.flashing, self.probabilities, self.cameras)
+        }
+        if len(lengths) > 1:
+            raise GeometryError(f"the columns of lights have one length, not {sorted(lengths)}")
+
+    def __len__(self) -> int:
+        return len(self.ids)
 
 
 def _check_columns(

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from percept.datasets.synthetic.geodesy import LocalFrame
+from percept.core.geodesy import LocalFrame
 from percept.datasets.synthetic.layout import BLOCK_M, Signal, StopLine, block_at
 from percept.datasets.synthetic.terrain import (
     KERB_HEIGHT_M,

@@ -1,4 +1,4 @@
-"""WGS 84 and the local frame (east, north, up) that the synthetic map lies in."""
+"""WGS 84 and local frames (east, north, up) on it."""
 
 from __future__ import annotations
 
@@ -34,18 +34,33 @@ class LocalFrame:
         """Return latitude and longitude in degrees and altitude in metres of a point (3,)."""
         return _geodetic_from_ecef(self._origin_ecef() + self._axes().T @ point_map)
 
+    def local(self, geodetic: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points (N, 3) in metres of N latitudes and longitudes in degrees and altitudes.
+
+        Args:
+            geodetic: (N, 3) float64 degrees north, degrees east, metres over the ellipsoid.
+        """
+        local: NDArray[np.float64] = (_ecef(geodetic) - self._origin_ecef()) @ self._axes().T
+        return local
+
     def _origin_ecef(self) -> NDArray[np.float64]:
-        lat, lon = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
-        normal = _SEMI_MAJOR_M / math.sqrt(1 - _ECCENTRICITY2 * math.sin(lat) ** 2)
-        across = (normal + self.altitude_m) * math.cos(lat)
-        up = (normal * (1 - _ECCENTRICITY2) + self.altitude_m) * math.sin(lat)
-        return np.array([across * math.cos(lon), across * math.sin(lon), up])
+        origin = [[self.latitude_deg, self.longitude_deg, self.altitude_m]]
+        return _ecef(np.array(origin))[0]
 
     def _axes(self) -> NDArray[np.float64]:
         """Return the rows east, north and up (3, 3) in earth-centred coordinates."""
         lat, lon = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
         cf, sf, cl, sl = math.cos(lat), math.sin(lat), math.cos(lon), math.sin(lon)
         return np.array([[-sl, cl, 0.0], [-sf * cl, -sf * sl, cf], [cf * cl, cf * sl, sf]])
+
+
+def _ecef(geodetic: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return earth-centred points (N, 3) of latitudes, longitudes (degrees) and altitudes."""
+    lat, lon = np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1])
+    normal = _SEMI_MAJOR_M / np.sqrt(1 - _ECCENTRICITY2 * np.sin(lat) ** 2)
+    across = (normal + geodetic[:, 2]) * np.cos(lat)
+    up = (normal * (1 - _ECCENTRICITY2) + geodetic[:, 2]) * np.sin(lat)
+    return np.column_stack([across * np.cos(lon), across * np.sin(lon), up])
 
 
 def _geodetic_from_ecef(point_ecef: NDArray[np.float64]) -> tuple[float, float, float]:

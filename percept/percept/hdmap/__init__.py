@@ -1,0 +1,1 @@
+"""HD maps: what stands in a Lanelet2 file."""

@@ -1,0 +1,1 @@
+"""Objects over time: identities, velocities and stable classes from single detections."""
