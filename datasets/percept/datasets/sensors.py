@@ -12,6 +12,7 @@ from percept.core.transform_tree import TransformTree
 from percept.datasets.recording import Recording, TopicInfo
 
 __all__ = [
+    "BASE_FRAMES",
     "check_topics",
     "choose_lidars",
     "place_in_base",
@@ -20,7 +21,9 @@ __all__ = [
     "topics_of",
 ]
 
-_BASE_FRAMES = ("base_link", "base_footprint", "vehicle", "ego_vehicle")
+BASE_FRAMES = ("base_link", "base_footprint", "vehicle", "ego_vehicle")
+"""Usual names of the vehicle's own frame, the likeliest first."""
+
 _KINDS: Mapping[type[Sample], str] = {PointCloud: "point clouds", CameraImage: "images"}
 
 
@@ -41,7 +44,7 @@ def place_in_base(tree: TransformTree, rig: Rig | None, frame: str) -> Transform
     The base is that of the rig where there is one, else the first of the usual names that the
     tree connects with the frame.
     """
-    for base_frame in (rig.base_frame,) if rig is not None else _BASE_FRAMES:
+    for base_frame in (rig.base_frame,) if rig is not None else BASE_FRAMES:
         if base_frame == frame and base_frame not in tree.frames():
             continue
         T_base_frame = tree.lookup(base_frame, frame) if frame else None

@@ -45,7 +45,8 @@ class LocalFrame:
 
     def _origin_ecef(self) -> NDArray[np.float64]:
         origin = [[self.latitude_deg, self.longitude_deg, self.altitude_m]]
-        return _ecef(np.array(origin))[0]
+        ecef: NDArray[np.float64] = _ecef(np.array(origin))[0]
+        return ecef
 
     def _axes(self) -> NDArray[np.float64]:
         """Return the rows east, north and up (3, 3) in earth-centred coordinates."""

@@ -69,6 +69,8 @@ class Detections3D:
         confidences: (N,) float64 in 0..1.
         mean_intensity: (N,) float64 in the sensor's own units; NaN where it has none.
         points: (N,) int64 number of points in each box's cluster; 0 where that is not known.
+        offsets_ns: (N,) int64 when each box was measured, counted from `stamp_ns`: a LiDAR that
+            turns sees the objects of a scan one after another. 0 where that is not known.
 
     Raises:
         GeometryError: If the columns do not have one length.
@@ -82,14 +84,22 @@ class Detections3D:
     confidences: NDArray[np.float64]
     mean_intensity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     points: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    offsets_ns: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self) -> None:
         if self.labels and not len(self.mean_intensity):
             object.__setattr__(self, "mean_intensity", np.full(len(self.labels), np.nan))
-        if self.labels and not len(self.points):
-            object.__setattr__(self, "points", np.zeros(len(self.labels), np.int64))
+        for name in ("points", "offsets_ns"):
+            if self.labels and not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros(len(self.labels), np.int64))
         _check_columns(
-            self.boxes_m, 7, self.labels, self.confidences, self.mean_intensity, self.points
+            self.boxes_m,
+            7,
+            self.labels,
+            self.confidences,
+            self.mean_intensity,
+            self.points,
+            self.offsets_ns,
         )
 
     def __len__(self) -> int:
@@ -113,6 +123,8 @@ class Tracks:
         velocity_sd_mps: (N,) float64 the same of the velocity.
         observed: (N,) bool whether a detection at this very moment is in it; otherwise the
             state is predicted, or interpolated with hindsight.
+        scores: (N,) float64 mean confidence of the detections of each track, in the units of the
+            detector; NaN where it is not known.
 
     Raises:
         GeometryError: If the columns do not have one length.
@@ -129,11 +141,15 @@ class Tracks:
     position_sd_m: NDArray[np.float64]
     velocity_sd_mps: NDArray[np.float64]
     observed: NDArray[np.bool_]
+    scores: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
+        if self.labels and not len(self.scores):
+            object.__setattr__(self, "scores", np.full(len(self.labels), np.nan))
         _check_columns(
             self.boxes_m, 7, self.labels, self.ids, self.label_probabilities,
             np.empty(len(self.states)), self.position_sd_m, self.velocity_sd_mps, self.observed,
+            self.scores,
         )  # fmt: skip
         if self.velocities_mps.shape != (len(self.labels), 2):
             raise GeometryError(f"velocities are (N, 2), not {self.velocities_mps.shape}")
