@@ -19,8 +19,8 @@ class MapLight:
         corners_map: (4, 3) float64 corners of its face in the map frame, metres: lower left,
             lower right, upper right, upper left as who obeys it sees them.
         facing: (3,) float64 unit vector from the face towards who obeys it.
-        bulbs: Colours of its lamps from the top, such as `red`, `yellow`, `green`; empty where
-            the map does not say.
+        bulbs: Colours of its lamps from the top, lamps of one height from the left, such as
+            `red`, `yellow`, `green`; empty where the map does not say.
         group_ids: Regulatory elements that it belongs to: lights of one group show the same.
     """
 
