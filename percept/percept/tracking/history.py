@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,10 @@ class TrackHistory:
         shapes: (K, 4) float64 length, width, height in metres, and yaw of the box in rad.
         class_probabilities: (K, C) float64 over the tracker's classes.
         full: (K,) bool whether the track was confirmed after the step.
+        scores: (K,) float64 mean confidence of its detections up to the step.
+        measured: (K, 7) float64 box of the detection that went into each step, in the frame of
+            the tracks; NaN where there was none.
+        variances_m2: (K, 3) float64 variances that its centre was taken to have; NaN as above.
     """
 
     track_id: int
@@ -36,6 +40,16 @@ class TrackHistory:
     shapes: NDArray[np.float64]
     class_probabilities: NDArray[np.float64]
     full: NDArray[np.bool_]
+    scores: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    measured: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 7)))
+    variances_m2: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def __post_init__(self) -> None:
+        if not len(self.scores):
+            object.__setattr__(self, "scores", np.full(len(self.stamps_ns), np.nan))
+        for name, width in (("measured", 7), ("variances_m2", 3)):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.full((len(self.stamps_ns), width), np.nan))
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
