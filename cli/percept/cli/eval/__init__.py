@@ -5,11 +5,15 @@ from __future__ import annotations
 import typer
 
 from percept.cli.eval.detections import detections
+from percept.cli.eval.lights import lights
+from percept.cli.eval.tracks import tracks
 
 __all__ = ["app"]
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 app.command("detections")(detections)
+app.command("lights")(lights)
+app.command("tracks")(tracks)
 
 
 @app.callback()
