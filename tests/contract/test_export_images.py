@@ -53,7 +53,7 @@ class TestTable:
         table = detections_2d_table(result)
         assert ", ".join(table.schema.names) == (
             "frame, stamp_ns, camera, model, x1_px, y1_px, x2_px, y2_px, label, confidence, "
-            "primary, range_m, x, y, z, frame_id, depth_source, depth_points"
+            "primary, range_m, x, y, z, frame_id, depth_source, depth_points, light_state"
         )
         rows = table.to_pylist()
         assert [(row["model"], row["label"]) for row in rows] == [

@@ -34,7 +34,7 @@ class TestTables:
         table = detections_3d_table(7, result.detections)
         assert ", ".join(table.schema.names) == (
             "frame, stamp_ns, sensor, frame_id, x, y, z, length, width, height, yaw_rad, "
-            "label, confidence, mean_intensity, points"
+            "label, confidence, mean_intensity, points, offset_ns"
         )
         rows = table.to_pylist()
         assert [row["frame"] for row in rows] == [7, 7, 7]

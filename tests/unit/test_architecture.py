@@ -55,7 +55,11 @@ _HEAVY = {
     "trackeval": set(),
     "motmetrics": set(),
     "lanelet2": set(),
-    "numba": {"percept.lidar", "percept.detection", "percept.calib", "percept.datasets"},
+    "numba": {
+        "percept.core.box_overlap_kernels", "percept.lidar", "percept.detection",
+        "percept.tracking", "percept.lights", "percept.odometry", "percept.calib",
+        "percept.datasets",
+    },
     "numpy": {
         "percept.core", "percept.lidar", "percept.detection", "percept.tracking", "percept.hdmap",
         "percept.lights", "percept.odometry", "percept.evaluation", "percept.calib",

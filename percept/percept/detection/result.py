@@ -57,6 +57,8 @@ class ImageResult:
         boxes: What each model found, by its name, in pixels of the recorded image.
         primary: By model (N,) bool: False where another model found the same object in this
             image with more confidence.
+        light_states: By model and box, what a traffic light shows whose class name does not tell:
+            `red`, `yellow`, `green`, `off`, or empty. A model without such boxes is not in it.
         positions: By model, where the boxes are in space; empty where no sensor tells.
         decode_ms: Milliseconds for decoding the image.
         timings_ms: By model, milliseconds by stage: `prepare`, `network`, `boxes`.
@@ -70,6 +72,7 @@ class ImageResult:
     image: CameraImage | None
     boxes: Mapping[str, Detections2D] = field(default_factory=dict)
     primary: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
+    light_states: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     positions: Mapping[str, Positions] = field(default_factory=dict)
     decode_ms: float = 0.0
     timings_ms: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

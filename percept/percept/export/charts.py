@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 
 from percept.core.errors import GeometryError
+from percept.export.canvas import Rgb
 from percept.export.palette import class_colours, hex_colour
 
-__all__ = ["histogram", "share_curves", "timeline"]
+__all__ = ["Stretch", "histogram", "share_curves", "state_lanes", "timeline"]
 
 _WIDTH = 720
 _LEFT, _RIGHT, _TOP = 58, 18, 46
@@ -21,11 +23,37 @@ _BARS_HEIGHT = 200
 _PANEL_HEIGHT = 96
 _PANEL_GAP = 34
 _CURVES_HEIGHT = 300
+_LANE_HEIGHT, _LANE_GAP = 14, 8
+_LANE_NAMES = 132
+_FINEST_PX = 0.25
 _LINES = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7")
+_FLASHING = " flashing"
+_HATCH, _HATCHED_GREY = "url(#hatch)", "url(#hatched)"
+_STRIPES = 'width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)"'
+_HATCHING = (
+    f'<defs><pattern id="hatch" {_STRIPES}><rect width="3" height="6" fill="#14181c"/></pattern>'
+    f'<pattern id="hatched" {_STRIPES}><rect width="6" height="6" fill="#a0abb6"/>'
+    '<rect width="3" height="6" fill="#14181c"/></pattern></defs>'
+)
 _STYLE = (
     "text{font:12px system-ui,sans-serif;fill:#a0abb6}.title{font-size:15px;font-weight:600;"
     "fill:#e4e8ec}.grid{stroke:#3a424a;stroke-width:1}.end{text-anchor:end}.mid{text-anchor:middle}"
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A stretch of a lane.
+
+    Attributes:
+        start_s: Where it begins.
+        end_s: Where it ends.
+        state: What it shows; a ` flashing` behind it is drawn as a hatching.
+    """
+
+    start_s: float
+    end_s: float
+    state: str
 
 
 def histogram(
@@ -136,6 +164,61 @@ def share_curves(
     body += [_text(_LEFT + _PLOT * t, bottom + 18, f"{t:g}", "mid") for t in ticks]
     body.append(_text(_LEFT + _PLOT / 2, bottom + 40, x_label, "mid"))
     return _document(title, bottom + 54, body)
+
+
+def state_lanes(
+    title: str, lanes: Mapping[str, Sequence[Stretch]], colours: Mapping[str, Rgb], *, end_s: float
+) -> str:
+    """Draw states over time, a lane for each name, from 0 s on.
+
+    Stretches that are finer than a quarter of a pixel give way to the one behind them.
+
+    Args:
+        title: What is shown.
+        lanes: By name, the stretches in order; where there is none the lane is empty.
+        colours: Of every state without its ` flashing`.
+        end_s: Where the time axis has to reach.
+
+    Returns:
+        An SVG document.
+    """
+    ticks = _ticks(end_s)
+    plot = _PLOT - _LANE_NAMES + _LEFT
+    per_s = plot / ticks[-1]
+    states = {s.state.removesuffix(_FLASHING) for lane in lanes.values() for s in lane}
+    flash = any(s.state.endswith(_FLASHING) for lane in lanes.values() for s in lane)
+    shown = {state: hex_colour(colours[state]) for state in colours if state in states}
+    legend = list(_legend(shown | ({"flashing": _HATCHED_GREY} if flash else {})))
+    top = _TOP + 20 * ((len(legend) + 5) // 6) + 6
+    bottom = top + len(lanes) * (_LANE_HEIGHT + _LANE_GAP)
+    body = [_HATCHING, *legend]
+    for tick in ticks:
+        x = _LANE_NAMES + tick * per_s
+        body.append(f'<path class="grid" d="M{x:.1f} {top - 4}V{bottom}"/>')
+        body.append(_text(x, bottom + 16, f"{tick:g} s", "mid"))
+    for row, (name, lane) in enumerate(lanes.items()):
+        y = top + row * (_LANE_HEIGHT + _LANE_GAP)
+        short = name if len(name) <= 18 else f"\u2026{name[-17:]}"
+        body.append(_text(_LANE_NAMES - 8, y + 11, short, "end"))
+        body.append(f'<path class="grid" d="M{_LANE_NAMES} {y + _LANE_HEIGHT / 2}h{plot}"/>')
+        body += _lane(lane, y, per_s, shown)
+    return _document(title, bottom + 30, body)
+
+
+def _lane(
+    lane: Sequence[Stretch], y: float, per_s: float, colours: Mapping[str, str]
+) -> Iterator[str]:
+    starts = [round(stretch.start_s * per_s / _FINEST_PX) * _FINEST_PX for stretch in lane]
+    for place, stretch in enumerate(lane):
+        x = starts[place]
+        if place + 1 < len(lane) and starts[place + 1] <= x:
+            continue
+        width = max(stretch.end_s * per_s - x, _FINEST_PX)
+        state = stretch.state.removesuffix(_FLASHING)
+        said = f"{stretch.state}, {stretch.start_s:.1f} to {stretch.end_s:.1f} s"
+        yield _bar(_LANE_NAMES + x, y, width, _LANE_HEIGHT, colours[state], said)
+        if state != stretch.state:
+            yield _bar(_LANE_NAMES + x, y, width, _LANE_HEIGHT, _HATCH, said)
 
 
 def _ticks(highest: float, *, most: int = 5, whole: bool = False) -> list[float]:

@@ -22,7 +22,7 @@ from percept.export.report import (
     svg_picture,
 )
 
-__all__ = ["detection_report", "installed_versions"]
+__all__ = ["closing_sections", "detection_report", "installed_versions"]
 
 _PACKAGES = (
     "percept-toolkit",
@@ -49,6 +49,7 @@ def detection_report(
     losses: Mapping[str, int] | None = None,
     notes: Sequence[str] = (),
     cameras: CameraReport | None = None,
+    more: Sequence[Section] = (),
 ) -> ReportContent:
     """Return the report of a detection run.
 
@@ -64,6 +65,7 @@ def detection_report(
         notes: What else should be known, such as what the 3D view leaves out.
         cameras: What the networks found in images; None where none looked. Images that cannot be
             used are among what was left out. A run of cameras alone says nothing of scans.
+        more: Sections about what was made of the detections: tracks, lights and health.
     """
     dropped = Counter(summary.dropped)
     dropped.update(losses or {})
@@ -71,10 +73,8 @@ def detection_report(
     sections = (
         *(_scan_sections(summary) if summary.frames or cameras is None else ()),
         *(camera_sections(cameras) if cameras is not None else ()),
-        Section("What was left out", (_dropped(dropped),)),
-        Section("Inputs", (_inputs(inputs), *(Paragraph(note) for note in notes))),
-        Section("Settings", (_pairs(("setting", "value"), _flat(settings)),)),
-        Section("Versions", (_pairs(("part", "version"), installed_versions()),)),
+        *more,
+        *closing_sections(dropped=dropped, inputs=inputs, notes=notes, settings=settings),
     )
     return ReportContent(
         title=title,
@@ -83,6 +83,29 @@ def detection_report(
         advice=tuple(advice),
         sections=sections,
         subtitle=_subtitle(summary, cameras),
+    )
+
+
+def closing_sections(
+    *,
+    dropped: Mapping[str, int],
+    inputs: Sequence[Mapping[str, object]],
+    notes: Sequence[str],
+    settings: Mapping[str, object],
+) -> tuple[Section, ...]:
+    """Return the sections that every report ends with: what it rests on, and what is missing.
+
+    Args:
+        dropped: What was left out, by reason.
+        inputs: The files of `run.json`: `path`, `bytes` and what else is known of them.
+        notes: What else should be known.
+        settings: The resolved configuration.
+    """
+    return (
+        Section("What was left out", (_dropped(dropped),)),
+        Section("Inputs", (_inputs(inputs), *(Paragraph(note) for note in notes))),
+        Section("Settings", (_pairs(("setting", "value"), _flat(settings)),)),
+        Section("Versions", (_pairs(("part", "version"), installed_versions()),)),
     )
 
 

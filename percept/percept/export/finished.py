@@ -137,6 +137,7 @@ def detections_of(finished: FinishedFrame, rows: pa.RecordBatch) -> Detections3D
         confidences=_numbers(rows, "confidence"),
         mean_intensity=_numbers(rows, "mean_intensity"),
         points=_numbers(rows, "points"),
+        offsets_ns=_numbers(rows, "offset_ns"),
     )
 
 
@@ -159,6 +160,11 @@ def image_of(finished: FinishedImage, rows: pa.RecordBatch) -> ImageResult:
         image=None,
         boxes={model: _boxes_of(finished, part) for model, part in parts.items()},
         primary={model: _numbers(part, "primary") for model, part in parts.items()},
+        light_states={
+            model: tuple(state or "" for state in part.column("light_state").to_pylist())
+            for model, part in parts.items()
+            if part.column("light_state").null_count < part.num_rows
+        },
         positions={
             model: _positions_of(part)
             for model, part in parts.items()

@@ -5,22 +5,27 @@ Every scan gives a `vision_msgs/msg/Detection3DArray` on `/percept/<sensor>/dete
 of the scan and at its place in recording time, so that the file lies over the log that it
 belongs to. Every image gives for each network a `vision_msgs/msg/Detection2DArray` on
 `/percept/<camera>/<model>/detections_2d`, and a `foxglove_msgs/msg/ImageAnnotations` on
-`/percept/<camera>/<model>/annotations`, which Foxglove draws into the image. The messages are
-those of ROS 2 Humble and later, vision_msgs 4.1; the file holds their definitions with all that
-they depend on.
+`/percept/<camera>/<model>/annotations`, which Foxglove draws into the image. Full tracks are on
+`/percept/tracks`, each with its `id`, and `/percept/tracks/markers`; traffic lights on
+`/percept/lights` and, where they hang, on `/percept/lights/markers`. Poses are on `/tf`. The
+messages are those of ROS 2 Humble and later, vision_msgs 4.1; the file holds their definitions
+with all that they depend on.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
+import numpy as np
 from mcap.writer import CompressionType, Writer
+from numpy.typing import NDArray
 
-from percept.core.results import Detections3D
+from percept.core.results import Detections3D, LightStates, Tracks
+from percept.core.trajectory import Trajectory
 from percept.detection.result import ImageResult
 from percept.export.camera_messages import detection_2d_array, image_annotations
 from percept.export.overlay_messages import (
@@ -28,14 +33,24 @@ from percept.export.overlay_messages import (
     DETECTION_3D_ARRAY,
     IMAGE_ANNOTATIONS,
     MARKER_ARRAY,
+    TRANSFORMS,
     OverlayMessages,
     Values,
     detection_3d_array,
     marker_array,
 )
+from percept.export.overlay_tracks import (
+    light_array,
+    light_markers,
+    track_array,
+    track_markers,
+    transform_messages,
+)
 from percept.export.palette import model_colours
 
 __all__ = ["OverlayWriter"]
+
+_TRACKS, _LIGHTS = "/percept/tracks", "/percept/lights"
 
 
 class OverlayWriter:
@@ -96,6 +111,57 @@ class OverlayWriter:
                 result.log_time_ns,
                 result.stamp_ns,
             )
+
+    def add_tracks(self, tracks: Tracks, log_time_ns: int) -> None:
+        """Write the full tracks of a moment.
+
+        Args:
+            tracks: The tracks.
+            log_time_ns: The moment in recording time, such as that of the scan at its stamp.
+        """
+        self._write(
+            (
+                (_TRACKS, DETECTION_3D_ARRAY, track_array(tracks)),
+                (f"{_TRACKS}/markers", MARKER_ARRAY, track_markers(tracks)),
+            ),
+            log_time_ns,
+            tracks.stamp_ns,
+        )
+
+    def add_lights(
+        self,
+        lights: LightStates,
+        log_time_ns: int,
+        *,
+        faces: Mapping[int, NDArray[np.float64]] | None = None,
+        frame_id: str = "",
+    ) -> None:
+        """Write the traffic lights of a moment.
+
+        Args:
+            lights: Their states.
+            log_time_ns: The moment in recording time.
+            faces: By id, the corners (4, 3) of the faces, metres, as far as they are known.
+            frame_id: Frame that the corners are given in.
+        """
+        array = light_array(lights, faces or {}, frame_id)
+        messages = [(_LIGHTS, DETECTION_3D_ARRAY, array)]
+        if faces:
+            markers = light_markers(lights, faces, frame_id)
+            messages.append((f"{_LIGHTS}/markers", MARKER_ARRAY, markers))
+        self._write(messages, log_time_ns, lights.stamp_ns)
+
+    def add_poses(self, poses: Trajectory, *, log_offset_ns: int = 0) -> None:
+        """Write where the vehicle was, as `/tf`: at most fifty poses a second.
+
+        A log that has such a tf of its own needs no other; programs take one parent a frame.
+
+        Args:
+            poses: The poses.
+            log_offset_ns: Recording time less the time of the stamps.
+        """
+        for stamp_ns, message in transform_messages(poses):
+            self._write([("/tf", TRANSFORMS, message)], stamp_ns + log_offset_ns, stamp_ns)
 
     def close(self) -> None:
         """Finish the file and give it its name."""

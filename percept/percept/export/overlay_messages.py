@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from percept.core.clock import NS_PER_S
 from percept.core.results import Detections3D
+from percept.export.canvas import Rgb
 from percept.export.palette import class_colour
 
 __all__ = [
@@ -20,10 +21,13 @@ __all__ = [
     "DETECTION_3D_ARRAY",
     "IMAGE_ANNOTATIONS",
     "MARKER_ARRAY",
+    "TRANSFORMS",
     "OverlayMessages",
     "Values",
     "detection_3d_array",
+    "header",
     "marker_array",
+    "rgba",
 ]
 
 Values = Mapping[str, object]
@@ -34,6 +38,7 @@ DETECTION_2D_ARRAY = "vision_msgs/msg/Detection2DArray"
 DETECTION_3D_ARRAY = "vision_msgs/msg/Detection3DArray"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 IMAGE_ANNOTATIONS = "foxglove_msgs/msg/ImageAnnotations"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 _DEFINITIONS = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
     "vision_msgs/msg/ObjectHypothesisWithPose": (
@@ -141,33 +146,49 @@ class OverlayMessages:
                 return []
 
 
-def detection_3d_array(detections: Detections3D) -> Values:
-    """Return a `vision_msgs/msg/Detection3DArray` with one hypothesis a box."""
-    header = _header(detections)
+def detection_3d_array(detections: Detections3D, ids: Sequence[str] = ()) -> Values:
+    """Return a `vision_msgs/msg/Detection3DArray` with one hypothesis a box.
+
+    Args:
+        detections: The boxes.
+        ids: Of each box, what tells its object from others over time; empty where not known.
+    """
+    head = header(detections.stamp_ns, detections.frame_id)
     found = [
         {
-            "header": header,
+            "header": head,
             "results": [
                 {"hypothesis": {"class_id": label, "score": score}, "pose": {"pose": pose}}
             ],
             "bbox": {"center": pose, "size": size},
+            "id": identity,
         }
-        for label, score, pose, size in _boxes(detections)
+        for (label, score, pose, size), identity in zip(
+            _boxes(detections), ids or [""] * len(detections), strict=True
+        )
     ]
-    return {"header": header, "detections": found}
+    return {"header": head, "detections": found}
 
 
-def marker_array(detections: Detections3D) -> Values:
+def marker_array(
+    detections: Detections3D, ids: Sequence[str] = (), more: Sequence[Values] = ()
+) -> Values:
     """Return a `visualization_msgs/msg/MarkerArray` with a cube and a text for each box.
 
     Its first marker wipes those of the scan before.
+
+    Args:
+        detections: The boxes.
+        ids: What stands before the class of each box; empty for nothing.
+        more: Further markers, behind those of the boxes.
     """
-    header = _header(detections)
-    markers: list[Values] = [{"header": header, "action": _DELETE_ALL}]
+    head = header(detections.stamp_ns, detections.frame_id)
+    markers: list[Values] = [{"header": head, "action": _DELETE_ALL}]
     for number, (label, score, pose, size) in enumerate(_boxes(detections)):
-        shared = {"header": header, "id": number, "action": _ADD}
+        shared = {"header": head, "id": number, "action": _ADD}
         place, turn = pose["position"], pose["orientation"]
         above = {**place, "z": place["z"] + size["z"] / 2 + _TEXT_HEIGHT_M / 2}
+        text = f"{label} {score:.2f}"
         markers += [
             {
                 **shared,
@@ -175,7 +196,7 @@ def marker_array(detections: Detections3D) -> Values:
                 "type": _CUBE,
                 "pose": pose,
                 "scale": size,
-                "color": _colour(label, 0.5),
+                "color": rgba(class_colour(label), 0.5),
             },
             {
                 **shared,
@@ -183,11 +204,11 @@ def marker_array(detections: Detections3D) -> Values:
                 "type": _TEXT,
                 "pose": {"position": above, "orientation": turn},
                 "scale": {"z": _TEXT_HEIGHT_M},
-                "color": _colour(label, 1.0),
-                "text": f"{label} {score:.2f}",
+                "color": rgba(class_colour(label), 1.0),
+                "text": f"{ids[number]} {text}" if ids else text,
             },
         ]
-    return {"markers": markers}
+    return {"markers": [*markers, *more]}
 
 
 def _boxes(
@@ -210,11 +231,13 @@ def _boxes(
         yield label, score, pose, {"x": length, "y": width, "z": height}
 
 
-def _header(detections: Detections3D) -> Values:
-    sec, nanosec = divmod(detections.stamp_ns, NS_PER_S)
-    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": detections.frame_id}
+def header(stamp_ns: int, frame_id: str) -> Values:
+    """Return a `std_msgs/msg/Header`."""
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
+    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame_id}
 
 
-def _colour(label: str, alpha: float) -> Values:
-    red, green, blue = (value / 255 for value in class_colour(label))
+def rgba(rgb: Rgb, alpha: float) -> Values:
+    """Return a `std_msgs/msg/ColorRGBA` of a colour 0..255 and an opacity 0..1."""
+    red, green, blue = (value / 255 for value in rgb)
     return {"r": red, "g": green, "b": blue, "a": alpha}

@@ -37,9 +37,13 @@ DETECTIONS_3D = pa.schema(
         ("confidence", pa.float64()),
         ("mean_intensity", pa.float64()),
         ("points", pa.int64()),
+        ("offset_ns", pa.int64()),
     ]
 )
-"""Columns of `detections_3d.parquet`: metres and rad in the frame `frame_id`, one row a box."""
+"""Columns of `detections_3d.parquet`: metres and rad in the frame `frame_id`, one row a box.
+
+`offset_ns` is when the box was measured, counted from `stamp_ns`: the mean time of its points.
+"""
 
 PIXEL_COLUMNS = ("x1_px", "y1_px", "x2_px", "y2_px")
 """Columns of a box in an image, in the order of `Detections2D.boxes_px`."""
@@ -61,12 +65,14 @@ DETECTIONS_2D = pa.schema(
         ("frame_id", pa.string()),
         ("depth_source", pa.string()),
         ("depth_points", pa.int64()),
+        ("light_state", pa.string()),
     ]
 )
 """Columns of `detections_2d.parquet`: pixels of the recorded image, metres, one row a box.
 
 `frame` numbers the images of the run over all cameras. `primary` is false where another model
-found the same object in the same image with more confidence. Where the position of an object is
+found the same object in the same image with more confidence. `light_state` is what a traffic light
+shows whose label does not tell, else null. Where the position of an object is
 not known, `range_m`, `x`, `y`, `z`, `frame_id` and `depth_source` are null and `depth_points` is 0.
 """
 
@@ -92,6 +98,7 @@ def detections_3d_table(frame: int, detections: Detections3D) -> pa.Table:
         detections.confidences,
         detections.mean_intensity,
         detections.points,
+        detections.offsets_ns,
     ]
     arrays = [
         pa.array(column, type=field.type)
@@ -134,6 +141,7 @@ def _rows_of_model(result: ImageResult, model: str) -> pa.Table:
         [positions.frame_id if is_known else None for is_known in known],
         [source or None for source in positions.sources],
         positions.points,
+        [state or None for state in result.light_states.get(model, ("",) * rows)],
     ]
     arrays = [
         pa.array(column, type=field.type, from_pandas=True)  # NaN, which is unknown, is null

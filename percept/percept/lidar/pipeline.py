@@ -238,7 +238,18 @@ class LidarDetector:
             confidences=classes.confidences,
             mean_intensity=intensity,
             points=boxes.points,
+            offsets_ns=_offsets_ns(cloud, ids, len(boxes)),
         )
+
+
+def _offsets_ns(cloud: PointCloud, ids: NDArray[np.int32], count: int) -> NDArray[np.int64]:
+    """Return (K,) the mean time of the points of each cluster; 0 where points have no times."""
+    if cloud.offset_ns is None:
+        return np.zeros(count, np.int64)
+    inside = ids >= 0
+    number = np.bincount(ids[inside], minlength=count)
+    total = np.bincount(ids[inside], cloud.offset_ns[inside], minlength=count)
+    return np.rint(total / np.maximum(number, 1)).astype(np.int64)
 
 
 def _count(dropped: Counter[str], reason: str, number: int | np.integer) -> None:

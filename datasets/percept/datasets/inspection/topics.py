@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from percept.core.health import Lateness
 from percept.core.results import Verdict
 from percept.datasets.inspection.clock import ClockHealth
 from percept.datasets.inspection.sensors import SensorSummary
 from percept.datasets.inspection.timing import StreamOrder, StreamTiming
-from percept.datasets.inspection.watchdog import Lateness
 
 __all__ = ["TopicReport"]
 

@@ -18,6 +18,7 @@ from percept.detection.result import ImageResult, Positions
 from percept.export.box_text import box_text
 from percept.export.canvas import Rgb, as_bgr, resized
 from percept.export.palette import depth_colours, model_colours, sensor_colour_name
+from percept.export.view.motion import Motion
 from percept.export.view.stream import Turns, ViewStream
 
 __all__ = ["ImageDrawing", "ViewCamera"]
@@ -62,6 +63,7 @@ class ImageDrawing:
 
     Args:
         stream: The view.
+        motion: How the vehicle moves.
         turns: Which of them are drawn.
         cameras: What is known of the cameras; an image of another one has no place in 3D.
         models: Names of the networks, in the order of their colours.
@@ -70,19 +72,27 @@ class ImageDrawing:
     def __init__(
         self,
         stream: ViewStream,
+        motion: Motion,
         turns: Turns,
         cameras: Sequence[ViewCamera],
         models: Sequence[str],
     ) -> None:
         self._stream = stream
+        self._motion = motion
         self._turns = turns
         self._cameras = {camera.name: camera for camera in cameras}
         self._colours = model_colours(models)
         self._shown: dict[str, set[str]] = {}
+        self._objects: dict[str, None] = {}
         for camera in cameras:
             if camera.camera is not None:
                 at = rr.new_entity_path(camera.place)
                 stream.log(at, _pinhole(camera.camera), static=True)
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Entities in the 3D view that have the objects of the images."""
+        return (*self._objects,)
 
     @property
     def legend(self) -> str:
@@ -110,7 +120,19 @@ class ImageDrawing:
         self._stream.plot("milliseconds", result.camera, {**times_ms, "decode": result.decode_ms})
         kind = (result.camera, *result.boxes)  # so that a network that seldom looks is seen
         if self._turns.take(kind, _drawn_bytes(result.image)):
+            self.place(result)
             self._show(result.camera, self._drawn(result, result.image, cloud_px))
+
+    def place(self, result: ImageResult) -> None:
+        """Let an image that is drawn, and the objects in it, move as the vehicle does."""
+        camera = self._cameras.get(result.camera, ViewCamera(name=result.camera))
+        if camera.is_placed:
+            place = camera.place
+            self._motion.place(rr.new_entity_path(place), place[1], result.stamp_ns)
+        for model, positions in result.positions.items():
+            at = self._stream.entity_in(positions.frame_id, "objects", result.camera, model)
+            self._motion.place(at, positions.frame_id, result.stamp_ns)
+            self._objects[at] = None
 
     def _drawn(
         self, result: ImageResult, image: CameraImage, cloud_px: NDArray[np.floating] | None

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from percept.core.results import Detections3D
 from percept.export.palette import class_colour, cluster_colours
+from percept.export.view.motion import Motion
 from percept.export.view.stream import Turns, ViewStream
 from percept.lidar.result import ScanResult
 
@@ -27,13 +28,21 @@ class ScanDrawing:
 
     Args:
         stream: The view.
+        motion: How the vehicle moves.
         turns: Which of them are drawn.
     """
 
-    def __init__(self, stream: ViewStream, turns: Turns) -> None:
+    def __init__(self, stream: ViewStream, motion: Motion, turns: Turns) -> None:
         self._stream = stream
+        self._motion = motion
         self._turns = turns
         self._labels: dict[str, set[str]] = {}
+        self._boxes: dict[str, None] = {}
+
+    @property
+    def boxes(self) -> tuple[str, ...]:
+        """Entities of the boxes that were drawn."""
+        return (*self._boxes,)
 
     def add(self, result: ScanResult) -> None:
         """Plot a scan, and draw its points and boxes if it is its turn."""
@@ -47,9 +56,11 @@ class ScanDrawing:
         drawn_bytes = min(len(result.cloud), POINTS_PER_SCAN) * _BYTES_PER_POINT
         if self._turns.take(detections.sensor, drawn_bytes):
             place = self._stream.entity_in(detections.frame_id, detections.sensor)
+            self._motion.place(place, detections.frame_id, detections.stamp_ns)
             self._stream.log(f"{place}/cloud", _points(result))
-            self._stream.log(f"{place}/boxes", _boxes(detections, known=True))
-            self._stream.log(f"{place}/unknown", _boxes(detections, known=False))
+            for part, known in (("boxes", True), ("unknown", False)):
+                self._stream.log(f"{place}/{part}", _boxes(detections, known=known))
+                self._boxes[f"{place}/{part}"] = None
 
 
 def _points(result: ScanResult) -> rr.Points3D:

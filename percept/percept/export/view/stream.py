@@ -8,7 +8,9 @@ from collections.abc import Hashable, Mapping, Sequence
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
+from percept.core.errors import GeometryError
 from percept.core.transform import Transform, quat_xyzw_from_matrix
 from percept.export.canvas import Rgb
 from percept.export.view.layout import TIMELINE
@@ -40,15 +42,55 @@ class ViewStream:
             )
             self.log(rr.new_entity_path(["world", frame]), pose, static=True)
 
-    def set_time(self, stamp_ns: int, count: str, number: int) -> None:
+    def set_time(self, stamp_ns: int, count: str | None = None, number: int = 0) -> None:
         """Set the time of what is drawn next: its stamp, and its number in a named count."""
         self._recording.reset_time()
         self._recording.set_time(TIMELINE, timestamp=np.datetime64(stamp_ns, "ns"))
-        self._recording.set_time(count, sequence=number)
+        if count is not None:
+            self._recording.set_time(count, sequence=number)
 
     def log(self, entity: str, what: rr.AsComponents, *, static: bool = False) -> None:
         """Draw something."""
         self._recording.log(entity, what, static=static, strict=True)
+
+    def send(
+        self,
+        entity: str,
+        stamps_ns: NDArray[np.int64],
+        columns: rr.ComponentColumnList,
+    ) -> None:
+        """Draw something at many times at once.
+
+        Args:
+            entity: Where.
+            stamps_ns: (N,) int64 times.
+            columns: N values of each of its parts.
+        """
+        times = rr.TimeColumn(TIMELINE, timestamp=stamps_ns.astype("datetime64[ns]"))
+        rr.send_columns(entity, [times], columns, strict=True, recording=self._recording)
+
+    def add_root(self, frame_id: str) -> None:
+        """Take a frame for one that does not move in the view."""
+        self._roots.add(frame_id)
+
+    def frame_in_root(self, frame_id: str) -> NDArray[np.float64]:
+        """Return where a frame is drawn in the vehicle, (4, 4): at the origin if not connected."""
+        return self._known[frame_id].matrix if frame_id in self._known else np.eye(4)
+
+    def root_of(self, frame_id: str) -> Transform:
+        """Return where a frame is in the vehicle's root frame, which is it itself if none is known.
+
+        Raises:
+            GeometryError: If it is not connected to the frames that are known.
+        """
+        if frame_id in self._known:
+            return self._known[frame_id]
+        if self._roots and frame_id not in self._roots:
+            raise GeometryError(
+                f"poses of frame '{frame_id}', which is not connected to '{min(self._roots)}'"
+            )
+        self._roots.add(frame_id)
+        return Transform(frame_id, frame_id, np.eye(4))
 
     def note(self, text: str, *, level: str = "INFO") -> None:
         """Add a line to the log of the view, at the time that is set."""

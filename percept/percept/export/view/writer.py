@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -14,14 +15,21 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from percept.core.errors import GeometryError
+from percept.core.health import StreamHealth
+from percept.core.results import Detections3D, LightStates, Tracks
+from percept.core.trajectory import Trajectory
 from percept.core.transform import Transform
 from percept.detection.result import ImageResult
 from percept.export.view.cameras import ImageDrawing, ViewCamera
-from percept.export.view.layout import view_layout
+from percept.export.view.health import draw_health
+from percept.export.view.layout import ViewParts, view_layout
+from percept.export.view.lights import LightDrawing, LightFace
+from percept.export.view.motion import Motion
 from percept.export.view.recording import merge_views, rrd_recording
 from percept.export.view.scans import POINTS_PER_SCAN, ScanDrawing
 from percept.export.view.stream import Turns, ViewStream
 from percept.export.view.summary import IMAGES_PER_FLUSH, SCANS_PER_FLUSH, ViewSummary
+from percept.export.view.tracks import TrackDrawing
 from percept.lidar.result import ScanResult
 
 __all__ = ["ViewWriter"]
@@ -73,18 +81,26 @@ class ViewWriter:
             raise GeometryError(f"a view has one root frame, not {sorted(roots)}", where=path)
         self._path = path
         self._run_id = run_id
-        self._image_entities = {c.name: rr.new_entity_path(c.place) for c in cameras}
-        self._has_scene = frames_expected > 0 or any(c.is_placed for c in cameras)
+        self._parts = ViewParts(
+            cameras={c.name: rr.new_entity_path(c.place) for c in cameras},
+            scene=frames_expected > 0 or any(c.is_placed for c in cameras),
+            scans=frames_expected > 0,
+        )
         self._folder = path.with_name(f".{path.name}.parts")
         earlier = _earlier_parts(path, self._folder, resume=resume)
         self._resumed = earlier > 0
         part = self._folder / f"part-{earlier:04d}.rrd"
-        self._recording = rrd_recording(part, run_id, self._blueprint())
+        self._first_parts = self._parts
+        self._recording = rrd_recording(part, run_id, view_layout(self._parts))
         self._stream = ViewStream(self._recording, transforms)
         self._scan_turns = Turns(frames_expected, budget_bytes)
         self._image_turns = Turns(images_expected, budget_bytes)
-        self._scans = ScanDrawing(self._stream, self._scan_turns)
-        self._images = ImageDrawing(self._stream, self._image_turns, cameras, models)
+        self._motion = Motion(self._stream)
+        self._scans = ScanDrawing(self._stream, self._motion, self._scan_turns)
+        self._images = ImageDrawing(self._stream, self._motion, self._image_turns, cameras, models)
+        self._tracks = TrackDrawing(self._stream, Turns(frames_expected, budget_bytes))
+        self._lights = LightDrawing(self._stream)
+        self._inertial: str | None = None
 
     def add(self, frame: int, result: ScanResult) -> None:
         """Add a scan: its plots always, its points and boxes where the budget has room.
@@ -117,6 +133,60 @@ class ViewWriter:
         if self._image_turns.frames % IMAGES_PER_FLUSH == 0:
             self._recording.flush()
 
+    def add_poses(self, poses: Trajectory) -> None:
+        """Let the vehicle move: what was and will be drawn is placed by its stamp.
+
+        Args:
+            poses: Where a frame of the vehicle is in one that stands still.
+
+        Raises:
+            GeometryError: If there are poses already, or the frame is not connected to the others.
+        """
+        self._motion.add(poses)
+        self._inertial = poses.target
+        self._parts = replace(self._parts, poses=True, scene=True)
+
+    def add_tracks(self, tracks: Tracks) -> None:
+        """Add the tracks of a moment; moments come in order of time, and after the poses."""
+        self._stream.set_time(tracks.stamp_ns)
+        if not self._parts.tracks:
+            self._parts = replace(self._parts, tracks=True, scene=True)
+            self.note(self._tracks.legend)
+        self._tracks.add(tracks)
+
+    def add_lights(self, lights: LightStates, map_lights: Sequence[LightFace] = ()) -> None:
+        """Add the traffic lights of a moment; moments come in order of time.
+
+        Args:
+            lights: Their states.
+            map_lights: Lights as the map has them, in the frame that poses are given in; those
+                that were given before need not be given again. Without poses they are not drawn.
+        """
+        self._stream.set_time(lights.stamp_ns)
+        if not self._parts.lights:
+            self._parts = replace(self._parts, lights=True)
+            self.note(self._lights.legend)
+        self._lights.add(lights, map_lights, self._inertial)
+
+    def add_health(self, health: Mapping[str, StreamHealth]) -> None:
+        """Add when sensors and detectors were late, by name.
+
+        Args:
+            health: As `run_health` gives it.
+        """
+        if health:
+            self._parts = replace(self._parts, health=True)
+            draw_health(self._stream, health)
+
+    def recall(self, detections: Detections3D) -> None:
+        """Know again of a scan that an earlier session drew, so that it moves with the poses."""
+        place = self._stream.entity_in(detections.frame_id, detections.sensor)
+        self._motion.place(place, detections.frame_id, detections.stamp_ns)
+
+    def recall_image(self, result: ImageResult) -> None:
+        """Know again of an image that an earlier session drew; its pixels are not needed."""
+        self._images.place(result)
+
     def note(self, text: str, *, level: str = "INFO") -> None:
         """Add a line to the log of the view, at the time of the last frame.
 
@@ -128,6 +198,9 @@ class ViewWriter:
 
     def close(self) -> ViewSummary:
         """Join the parts, give the file its name, and say what is in it."""
+        self._tracks.finish()
+        if self._parts != self._first_parts:
+            self._recording.send_blueprint(self._blueprint())
         self._recording.disconnect()
         parts = _parts_in(self._folder)
         unreadable = 0
@@ -155,7 +228,9 @@ class ViewWriter:
             self._recording.disconnect()
 
     def _blueprint(self) -> rrb.Blueprint:
-        return view_layout(self._image_entities, scene=self._has_scene)
+        """Return the layout for what was drawn; tracks stand for the objects of single frames."""
+        objects = (*self._scans.boxes, *self._images.objects)
+        return view_layout(replace(self._parts, hidden=objects if self._parts.tracks else ()))
 
     def _summary(self, unreadable: int = 0) -> ViewSummary:
         scans, images = self._scan_turns, self._image_turns
