@@ -86,7 +86,8 @@ def test_a_real_luminar_log_runs_as_it_stands(shared_data: Path, run: Run, tmp_p
     assert written["counts"]["objects"] > 100
     assert written["verdict"] in ("good", "doubtful")
     assert {p.name for p in (tmp_path / "run").iterdir()} == {
-        "detections_3d.parquet", "view.rrd", "report.html", "overlay.mcap", "run.json",
+        "detections_3d.parquet", "scans_3d.parquet", "tracks.parquet", "poses.parquet",
+        "rig.yaml", "view.rrd", "report.html", "overlay.mcap", "run.json",
     }  # fmt: skip
 
 

@@ -144,6 +144,7 @@ def test_every_option_in_the_docs_exists(page: Path) -> None:
     [
         "detect", "detect quantize", "eval detections", "inspect", "synth drive", "synth calib",
         "calib camera", "calib lidar", "calib camera-lidar", "calib check", "calib export",
+        "odometry",
     ],
 )  # fmt: skip
 def test_a_page_names_every_option_of_its_command(command: str) -> None:

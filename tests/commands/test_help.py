@@ -23,6 +23,8 @@ _COMMANDS = [
     ["calib", "export"],
     ["eval"],
     ["eval", "detections"],
+    ["eval", "lights"],
+    ["odometry"],
     ["view"],
 ]
 _ENVIRONMENT = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

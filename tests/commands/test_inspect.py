@@ -81,6 +81,7 @@ def test_the_tables_tell_what_the_log_is_made_of(drive: Path) -> None:
     assert "verdict: doubtful" in done.stdout
     assert "messages missing: /lidar/points (about 5 in 1 gap)" in done.stdout
     assert "600 ms at 3.9 s (5)" in done.stdout
+    assert "4.2..4.5 s silent" in done.stdout
     assert "64x48 bgr8, CameraInfo plausible" in done.stdout
     assert "└─ lidar (static)" in done.stdout
     assert done.stderr == ""
@@ -102,6 +103,9 @@ def test_json_is_one_document_and_agrees_with_the_log(drive: Path) -> None:
     assert lidar["clock"]["offset_s"] == pytest.approx(0.015)
     assert lidar["lateness"]["late_spans"] == 1
     assert lidar["lateness"]["late_s"] == pytest.approx(0.3, abs=1e-6)
+    (late,) = lidar["lateness"]["spans"]
+    assert late["end_ns"] - late["start_ns"] == pytest.approx(0.3e9, abs=1e3)
+    assert late["reason"] == "silent"
     assert lidar["sensor"]["points"] == 2000
     usable = {use["job"] for use in document["uses"] if use["usable"]}
     assert {"detect (LiDAR)", "calib camera-lidar", "odometry"} <= usable

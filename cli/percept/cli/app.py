@@ -17,6 +17,8 @@ from typer.core import TyperGroup
 from percept.cli import calib, demo, detect, inspect, synth, view
 from percept.cli.dependencies import explain_import_error
 from percept.cli.eval import app as eval_app
+from percept.cli.odometry import odometry
+from percept.cli.track.command import track
 from percept.core.errors import PerceptError, UsageError
 
 __all__ = ["app", "main"]
@@ -71,7 +73,9 @@ app.add_typer(synth.app, name="synth")
 app.add_typer(calib.app, name="calib")
 app.command("inspect")(inspect.inspect)
 app.add_typer(detect.app, name="detect")
+app.command("track")(track)
 app.add_typer(eval_app, name="eval")
+app.command("odometry")(odometry)
 app.command("view")(view.view)
 
 

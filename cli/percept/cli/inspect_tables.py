@@ -30,6 +30,7 @@ __all__ = ["print_inspection", "print_recovery"]
 
 _WIDTH = 100
 _GAPS_SHOWN = 3
+_LATE_SHOWN = 4
 _COLOURS = {"good": "green", "doubtful": "yellow", "bad": "red"}
 
 
@@ -53,6 +54,7 @@ def print_inspection(bag: Path, inspection: Inspection) -> None:
         _topics(inspection),
         _sensors(inspection),
         _watchdog(inspection, start_ns),
+        _late(inspection, start_ns),
         _gaps(inspection, start_ns),
         _clocks(inspection),
     )
@@ -244,6 +246,24 @@ def _watchdog(inspection: Inspection, start_ns: int) -> Table:
             seconds_as_text(late.longest_s) if late.late_spans else "-",
             "-" if at is None else f"{(at - start_ns) / 1e9:.1f} s",
         )
+    return table
+
+
+def _late(inspection: Inspection, start_ns: int) -> Table:
+    table = _table("Late", ("topic", "from, to, and why"))
+    for topic in inspection.topics:
+        late = topic.lateness
+        if late is None or not late.spans:
+            continue
+        longest = sorted(late.spans, key=lambda span: span.start_ns - span.end_ns)[:_LATE_SHOWN]
+        texts = [
+            f"{(span.start_ns - start_ns) / 1e9:.1f}..{(span.end_ns - start_ns) / 1e9:.1f} s"
+            f" {span.reason}"
+            for span in sorted(longest, key=lambda span: span.start_ns)
+        ]
+        more = late.late_spans - len(texts)
+        rest = f" and {more:,} more" if more else ""
+        table.add_row(escape(topic.topic), ", ".join(texts) + rest)
     return table
 
 

@@ -124,6 +124,7 @@ class RunFolder:
         verdict: Verdict,
         why: Iterable[str],
         notes: Iterable[str] = (),
+        health: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
         """Write `run.json` atomically and return its content.
 
@@ -135,6 +136,7 @@ class RunFolder:
             verdict: How far the result can be trusted.
             why: Reasons for the verdict.
             notes: What else a user should know, as sentences.
+            health: When sensors and detectors were late, by name, where that is known.
         """
         from importlib.metadata import version
 
@@ -150,6 +152,7 @@ class RunFolder:
             "verdict": str(verdict),
             "why": list(why),
             **({"notes": said} if (said := list(notes)) else {}),
+            **({"health": dict(health)} if health is not None else {}),
             "exit_code": verdict.exit_code,
         }
         temporary = self.path / ".run.json.part"

@@ -10,6 +10,7 @@ from typing import Any
 
 from percept.cli.detect.camera_place import camera_place
 from percept.cli.detect.lidar_part import LidarPart
+from percept.cli.detect.light_states import with_light_states
 from percept.cli.detect.models import RunningModel, probed
 from percept.core.errors import UsageError
 from percept.core.samples import CameraImage
@@ -51,7 +52,7 @@ class CameraPart:
 
     def detect(self, job: ImageJob) -> ImageResult:
         """Return what the networks find in an image; for several threads at once."""
-        return detect_on_image(job, self.detectors[job.camera])
+        return with_light_states(detect_on_image(job, self.detectors[job.camera]))
 
     def describe(self) -> list[dict[str, Any]]:
         """Return what was used of each camera, in the types of JSON."""

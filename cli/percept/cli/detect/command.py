@@ -16,6 +16,7 @@ from percept.cli.options import (
     StartOption,
     named_values,
 )
+from percept.cli.track.command import MapOption, OriginOption
 from percept.core.errors import UsageError
 
 __all__ = ["detect"]
@@ -131,6 +132,15 @@ DeviceOption = Annotated[
     Literal["auto", "cpu", "cuda", "openvino"] | None,
     typer.Option("--device", help="What runs the networks. Default: auto.", show_default=False),
 ]
+PosesOption = Annotated[
+    Literal["auto", "gnss", "odometry", "pose", "tf", "lidar"] | None,
+    typer.Option(
+        "--poses",
+        help="What tells where the vehicle was. Default: the best that the log has, and the "
+        "LiDAR where it has nothing.",
+        show_default=False,
+    ),
+]
 
 
 def detect(
@@ -166,6 +176,12 @@ def detect(
         bool,
         typer.Option("--preview", help="Networks at half their input size where it is free."),
     ] = False,
+    map_file: MapOption = None,
+    origin: OriginOption = None,
+    poses: PosesOption = None,
+    no_track: Annotated[
+        bool, typer.Option("--no-track", help="Detect only: no tracks, no traffic lights.")
+    ] = False,
     config: ConfigOption = None,
     start: StartOption = None,
     end: EndOption = None,
@@ -178,12 +194,13 @@ def detect(
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Find objects in a log: 3D boxes in its LiDAR scans, 2D boxes in its camera images.
+    """Find objects in a log: 3D boxes in its LiDAR scans, 2D boxes in its images, and their tracks.
 
-    Writes detections_3d.parquet, detections_2d.parquet, view.rrd, report.html and run.json into
-    --out. Nothing has to be configured: every topic with point clouds is used, and with --model
-    every camera; places come from the log's tf_static, heights over the ground are measured, and
-    how a network is fed and read is found from the file.
+    Writes detections_3d.parquet, detections_2d.parquet, tracks.parquet, lights.parquet, view.rrd,
+    report.html and run.json into --out. Nothing has to be configured: every topic with point
+    clouds is used, and with --model every camera; places come from the log's tf_static, heights
+    over the ground are measured, how a network is fed and read is found from the file, and where
+    the vehicle was from GNSS, odometry or the LiDAR.
 
     Example: percept demo --out demo && percept detect --bag demo/drive.mcap
     --model small=builtin --out run
@@ -234,6 +251,10 @@ def detect(
         },
         start_s=start,
         end_s=end,
+        track=not no_track,
+        poses=poses or "auto",
+        map_file=map_file,
+        origin=origin,
         lidar_only=lidar_only,
         camera_only=camera_only,
         overlay=mcap,
@@ -258,8 +279,8 @@ def _refuse_options(ctx: typer.Context) -> None:
     """Refuse options before the name of a subcommand: they would be ignored."""
     given = [name for name, value in ctx.params.items() if value not in (None, False, [], ())]
     if given:
+        option = next(p.opts[0] for p in ctx.command.params if p.name == given[0])
         raise UsageError(
-            f"--{given[0].replace('_', '-')} is no option of "
-            f"`percept detect {ctx.invoked_subcommand}`",
+            f"{option} is no option of `percept detect {ctx.invoked_subcommand}`",
             remedy="Give options behind the name of the subcommand",
         )

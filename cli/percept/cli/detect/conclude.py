@@ -9,15 +9,19 @@ from typing import Any
 
 from percept.cli.detect.lidar_part import LidarPart
 from percept.cli.detect.outputs import RunOutputs
+from percept.cli.detect.over_time import OverTime
 from percept.cli.detect.plan import RunPlan
+from percept.cli.detect.poses import describe_poses
 from percept.cli.detect.verdict import CameraFacts, RunFacts, judge
 from percept.cli.run_folder import RunFolder, describe_input
+from percept.cli.track.report import over_time_sections
 from percept.datasets.recording import Recording
 from percept.detection.cores import available_cores
 from percept.export.camera_report import CameraReport
 from percept.export.camera_summary import CameraSummary
 from percept.export.detection_report import detection_report
 from percept.export.detection_summary import DetectionSummary
+from percept.export.health import health_as_json
 from percept.export.report import write_report
 
 __all__ = ["PassFacts", "conclude"]
@@ -41,7 +45,12 @@ class PassFacts:
 
 
 def conclude(
-    folder: RunFolder, recording: Recording, plan: RunPlan, outputs: RunOutputs, facts: PassFacts
+    folder: RunFolder,
+    recording: Recording,
+    plan: RunPlan,
+    outputs: RunOutputs,
+    over_time: OverTime | None,
+    facts: PassFacts,
 ) -> dict[str, Any]:
     """Judge a run, and write the report and `run.json`; return the content of the latter."""
     scans, images = outputs.scans, outputs.images
@@ -49,9 +58,13 @@ def conclude(
     verdict, why, advice = judge(
         None if plan.lidars is None else _scan_facts(plan.lidars, plan, scans, losses),
         None if plan.cameras is None else _camera_facts(plan, images, losses),
+        None if over_time is None else over_time.facts(scans.frames),
     )
     notes = [*plan.all_notes, *facts.notes]
     left_out = {**losses, **facts.dropped}
+    if over_time is not None:
+        notes += over_time.followed.notes
+        left_out |= over_time.followed.dropped
     if plan.lidars is not None:
         left_out = {**plan.lidars.losses, **left_out}
     content = detection_report(
@@ -60,21 +73,25 @@ def conclude(
         verdict=verdict,
         why=why,
         advice=advice,
-        inputs=[describe_input(path) for path in (*recording.paths, *plan.model_files)],
+        inputs=[describe_input(path) for path in plan.files(recording)],
         settings=plan.config.model_dump(mode="json"),
         losses=left_out,
         notes=notes,
         cameras=None if plan.cameras is None else _report_part(plan, images, facts),
+        more=()
+        if over_time is None
+        else over_time_sections(over_time.followed, over_time.trajectory, over_time.health),
     )
     write_report(folder.path / "report.html", content)
     return folder.finish(
-        config=_resolved(plan),
-        inputs=[*recording.paths, *plan.model_files],
-        counts=_counts(plan, outputs, facts),
+        config=_resolved(plan, over_time),
+        inputs=plan.files(recording),
+        counts=_counts(plan, outputs, over_time, facts),
         dropped={**scans.dropped, **images.failures, **left_out},
         verdict=verdict,
         why=why,
         notes=notes,
+        health=None if over_time is None else health_as_json(over_time.health),
     )
 
 
@@ -136,17 +153,21 @@ def _report_part(plan: RunPlan, summary: CameraSummary, facts: PassFacts) -> Cam
     )
 
 
-def _resolved(plan: RunPlan) -> dict[str, Any]:
+def _resolved(plan: RunPlan, over_time: OverTime | None) -> dict[str, Any]:
     """Return the settings with all that was found out about sensors and networks."""
     config = plan.config.model_dump(mode="json")
     config["sensors"] = plan.lidars.describe() if plan.lidars is not None else []
+    if over_time is not None and over_time.poses is not None:
+        config["poses"] = describe_poses(over_time.poses)
     if plan.cameras is not None:
         config["cameras"] = plan.cameras.describe()
         config["models"] = {model.name: model.describe() for model in plan.cameras.models}
     return config
 
 
-def _counts(plan: RunPlan, outputs: RunOutputs, facts: PassFacts) -> dict[str, Any]:
+def _counts(
+    plan: RunPlan, outputs: RunOutputs, over_time: OverTime | None, facts: PassFacts
+) -> dict[str, Any]:
     counts: dict[str, Any] = {}
     scans, images = outputs.scans, outputs.images
     if plan.lidars is not None:
@@ -166,6 +187,8 @@ def _counts(plan: RunPlan, outputs: RunOutputs, facts: PassFacts) -> dict[str, A
             "boxes_2d": images.labels(),
             "boxes_2d_placed": _placed(images),
         }
+    if over_time is not None:
+        counts |= over_time.followed.counts()
     return counts
 
 

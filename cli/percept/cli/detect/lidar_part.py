@@ -49,6 +49,11 @@ class LidarPart:
             **{f"scan of {t} that fits no merged scan": n for t, n in unmatched.items()},
         }
 
+    def frame_of(self, stream: str) -> str:
+        """Return the frame that the boxes of a stream are given in."""
+        sensor = self.streams.sensor_of(stream)
+        return sensor.frame if sensor.T_base_sensor is None else sensor.T_base_sensor.target
+
     def detect(self, stream: str, scans: tuple[PointCloud, ...]) -> ScanResult:
         """Return the objects in scans that belong together; for several threads at once."""
         return self.detectors[stream].detect(self.streams.cloud_of(scans))

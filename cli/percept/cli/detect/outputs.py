@@ -6,12 +6,15 @@ import heapq
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from percept.cli.detect.lidar_part import LidarPart
 from percept.cli.detect.one_pass import Done
+from percept.cli.detect.over_time import OverTime
+from percept.cli.track.outputs import TABLES, add_to_overlay, add_to_view, write_tables
 from percept.core.errors import UsageError
 from percept.detection.space.placing import PlacedImage
 from percept.export.camera_summary import CameraSummary
@@ -21,6 +24,7 @@ from percept.export.image_table import IMAGES_2D, image_rows
 from percept.export.journal import FrameJournal, ImageJournal
 from percept.export.overlay import OverlayWriter
 from percept.export.projection import project_cloud
+from percept.export.scan_table import SCANS_3D, scan_rows
 from percept.export.tables import DETECTIONS_2D, DETECTIONS_3D, write_parquet
 from percept.export.view import ViewCamera, ViewWriter
 from percept.lidar.result import ScanResult
@@ -39,6 +43,9 @@ OUTPUTS = (
     "detections_3d.parquet",
     "detections_2d.parquet",
     "images_2d.parquet",
+    "scans_3d.parquet",
+    *TABLES,
+    "rig.yaml",
     "view.rrd",
     "report.html",
     "overlay.mcap",
@@ -114,9 +121,13 @@ class RunOutputs:
     def _recall(self) -> None:
         """Bring what an earlier session finished into the summaries."""
         for scan, rows in self._scan_journal.read():
-            self.scans.add_finished(scan, detections_of(scan, rows))
+            detections = detections_of(scan, rows)
+            self.scans.add_finished(scan, detections)
+            self._view.recall(detections)
         for image, rows in self._image_journal.read():
-            self.images.add_finished(image, image_of(image, rows))
+            result = image_of(image, rows)
+            self.images.add_finished(image, result)
+            self._view.recall_image(result)
 
     def add_scan(self, frame: int, result: ScanResult) -> None:
         """Take a finished scan.
@@ -156,22 +167,31 @@ class RunOutputs:
                 remedy="Make room, and go on with --resume",
             )
 
-    def write_tables(self, *, overlay: bool) -> list[str]:
-        """Write all files but the report, and return what should be known of them."""
-        notes = self._view.close().as_text()
+    def write_detections(self) -> None:
+        """Write the tables of what was found in single scans and images."""
         if self._lidars is not None:
             path = self._folder / "detections_3d.parquet"
             write_parquet(path, DETECTIONS_3D, self._scan_journal.batches())
+            scans = (scan_rows(scan, len(rows)) for scan, rows in self._scan_journal.read())
+            write_parquet(self._folder / "scans_3d.parquet", SCANS_3D, scans)
         if self._cameras is not None:
             path = self._folder / "detections_2d.parquet"
             write_parquet(path, DETECTIONS_2D, self._image_journal.batches())
             looked_at = (image_rows(image) for image, _ in self._image_journal.read())
             write_parquet(self._folder / "images_2d.parquet", IMAGES_2D, looked_at)
+
+    def write_rest(self, over_time: OverTime | None, *, overlay: bool) -> list[str]:
+        """Write all other files but the report, and return what should be known of them."""
+        if over_time is not None:
+            write_tables(self._folder, over_time.followed)
+            add_to_view(self._view, over_time.trajectory, over_time.followed)
+            self._view.add_health(over_time.health)
+        notes = self._view.close().as_text()
         if overlay:
-            self._write_overlay()
+            self._write_overlay(over_time)
         return [notes]
 
-    def _write_overlay(self) -> None:
+    def _write_overlay(self, over_time: OverTime | None) -> None:
         with OverlayWriter(self._folder / "overlay.mcap", models=self.images.models) as overlay:
             scans: Iterator[_Finished] = self._scan_journal.read()
             images: Iterator[_Finished] = self._image_journal.read()
@@ -180,6 +200,15 @@ class RunOutputs:
                     overlay.add_image(image_of(finished, rows), finished.frame_id)
                 else:
                     overlay.add(detections_of(finished, rows), finished.log_time_ns)
+            if over_time is not None:
+                add_to_overlay(
+                    overlay, over_time.trajectory, over_time.followed, self._log_times_ns()
+                )
+
+    def _log_times_ns(self) -> dict[int, int]:
+        """Return when scans and images were recorded, by their stamps."""
+        finished: Iterator[_Finished] = chain(self._scan_journal.read(), self._image_journal.read())
+        return {one.stamp_ns: one.log_time_ns for one, _ in finished}
 
     def remove_journals(self) -> None:
         """Delete the journals: the run is complete."""

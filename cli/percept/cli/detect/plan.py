@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from percept.cli.detect.lidar_part import LidarPart, plan_lidars
 from percept.cli.detect.request import DetectConfig, DetectRequest
+from percept.cli.track.maps import load_wanted_map
 from percept.cli.window import log_window_ns
 from percept.core.errors import UsageError
 from percept.core.rig import Rig
@@ -16,6 +17,7 @@ from percept.core.samples import CameraImage, PointCloud
 from percept.core.transform_tree import TransformTree
 from percept.datasets.recording import Recording
 from percept.datasets.sensors import choose_lidars, read_static_transforms, split_topics
+from percept.hdmap import HdMap
 
 if TYPE_CHECKING:  # the networks' runtime is not loaded where no network runs
     from percept.cli.detect.camera_part import CameraPart
@@ -35,6 +37,10 @@ class RunPlan:
         cameras: The camera half, or None.
         window_ns: First and last log time that are wanted; None is no limit.
         model_files: Files of the networks.
+        map_file: The map's file, or None.
+        rig: The rig that was given, or None.
+        tree: The log's static transforms.
+        hd_map: The map, or None.
         notes: What a user should know beforehand, as sentences.
     """
 
@@ -43,7 +49,16 @@ class RunPlan:
     cameras: CameraPart | None
     window_ns: tuple[int | None, int | None]
     model_files: tuple[Path, ...]
+    map_file: Path | None
+    rig: Rig | None
+    tree: TransformTree
+    hd_map: HdMap | None
     notes: tuple[str, ...]
+
+    def files(self, recording: Recording) -> tuple[Path, ...]:
+        """Return all files that the run rests on: the log, networks, the map."""
+        maps = () if self.map_file is None else (self.map_file,)
+        return (*recording.paths, *self.model_files, *maps)
 
     @property
     def all_notes(self) -> list[str]:
@@ -66,6 +81,7 @@ def plan_run(
         PerceptError: If the log, a network or a setting cannot be used.
     """
     _check_halves(request)
+    hd_map = load_wanted_map(request.map_file, request.origin)
     topics = _Topics.of(recording, request)
     if not request.models:
         _check_without_models(recording, request, topics)
@@ -91,6 +107,10 @@ def plan_run(
         cameras=cameras,
         window_ns=window_ns,
         model_files=tuple(model.path for model in request.models),
+        map_file=request.map_file,
+        rig=rig,
+        tree=tree,
+        hd_map=hd_map,
         notes=(f"No camera was looked at. {_GIVE_MODEL}.",) if unseen else (),
     )
 
@@ -138,6 +158,8 @@ def _plan_cameras(
 
 
 def _check_halves(request: DetectRequest) -> None:
+    if request.map_file is not None and not request.track:
+        raise UsageError("--no-track makes no use of --map", remedy="Leave one of them out")
     if request.lidar_only and request.camera_only:
         raise UsageError("--lidar-only and --camera-only leave nothing to look at")
     if request.lidar_only and request.models:

@@ -9,6 +9,8 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from percept.cli.odometry.request import OdometryConfig, Source
+from percept.cli.track.request import TrackConfig
 from percept.core.settings import Settings
 from percept.detection.yolo_config import YoloConfig
 from percept.lidar.pipeline import LidarConfig
@@ -34,7 +36,7 @@ class CameraConfig(Settings):
     max_scan_gap_ms: float = Field(default=100.0, ge=0)
 
 
-class DetectConfig(Settings):
+class DetectConfig(TrackConfig):
     """All settings of `percept detect`.
 
     Attributes:
@@ -42,12 +44,16 @@ class DetectConfig(Settings):
         lidar: The LiDAR pipeline.
         camera: What all models share.
         models: Settings of each model by the name that `--model` gives it.
+        odometry: How poses are found.
+        tracking: The tracker of objects.
+        lights: The tracker of traffic lights.
     """
 
     lidars: Literal["merge", "separate"] | None = None
     lidar: LidarConfig = Field(default_factory=LidarConfig)
     camera: CameraConfig = Field(default_factory=CameraConfig)
     models: dict[str, YoloConfig] = Field(default_factory=dict)
+    odometry: OdometryConfig = Field(default_factory=OdometryConfig)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +86,10 @@ class DetectRequest:
     flags: Mapping[str, Any] = field(default_factory=dict)
     start_s: float | None = None
     end_s: float | None = None
+    track: bool = True
+    poses: Source = "auto"
+    map_file: Path | None = None
+    origin: str | None = None
     lidar_only: bool = False
     camera_only: bool = False
     overlay: bool = False

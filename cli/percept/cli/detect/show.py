@@ -9,6 +9,8 @@ from typing import Any
 
 import typer
 
+from percept.cli.track.show import show_over_time
+
 __all__ = ["show_run"]
 
 
@@ -24,6 +26,7 @@ def show_run(run: Mapping[str, Any], out: Path) -> None:
         _show_scans(counts, config["sensors"])
     if "images" in counts:
         _show_images(counts, config["models"])
+    show_over_time(counts)
     for reason, count in run["dropped"].items():
         typer.echo(f"left out: {count} x {reason}", err=True)
     typer.echo(f"verdict: {run['verdict']}: {'; '.join(run['why'])}")

@@ -14,6 +14,8 @@ A frame is a scan or an image.
 | an image could not be used | doubtful |
 | a network found nothing in the whole run | doubtful |
 | at least 20 boxes of a camera whose lens and place are known, and not one got a place | doubtful |
+
+Those of tracks are in `percept.cli.track.verdict`.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from percept.cli.track.verdict import TrackFacts, track_doubts
 from percept.core.results import Verdict
 
 __all__ = ["CameraFacts", "RunFacts", "judge"]
@@ -84,13 +87,16 @@ class CameraFacts:
 
 
 def judge(
-    scans: RunFacts | None, cameras: CameraFacts | None = None
+    scans: RunFacts | None,
+    cameras: CameraFacts | None = None,
+    tracks: TrackFacts | None = None,
 ) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
     """Return the verdict of a run, its reasons, and advice.
 
     Args:
         scans: The LiDAR half, or None where it was not to run.
         cameras: The camera half, or None where it was not to run.
+        tracks: What happened over time, or None where nothing was tracked.
     """
     doubts: list[str] = []
     advice: list[str] = []
@@ -107,6 +113,10 @@ def judge(
         _add_scan_doubts(scans, doubts, advice)
     if cameras is not None:
         _add_camera_doubts(cameras, doubts, advice)
+    if tracks is not None:
+        over_time, advised = track_doubts(tracks)
+        doubts += over_time
+        advice += advised
     if doubts:
         return Verdict.DOUBTFUL, tuple(doubts), tuple(dict.fromkeys(advice))
     parts = [f"{judged} scans were judged"] * bool(judged)

@@ -1,0 +1,1 @@
+"""`percept track`: tracks and lights of a finished run again, with other settings."""
