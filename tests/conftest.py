@@ -5,6 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# No test depends on how fast a machine is, or on whether its kernels are compiled yet.
+settings.register_profile("percept", deadline=None)
+settings.load_profile("percept")
 
 _SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

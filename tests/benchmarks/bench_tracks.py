@@ -12,6 +12,9 @@ Both get the same boxes, in one process on one core; the plain tracker is
   point, or beyond 80 m, do not count. The error of the velocity is that of other pairs for each
   tracker, and is not judged.
 
+- KITTI as a network sees it: `tests/truth/network_boxes.py`, whose errors are those that published
+  detectors make on these sequences, with neutral and unlabelled objects, and clutter.
+
 Switches are those over gaps too. Ends with 1 where a figure is not better than the plain one's.
 """
 
@@ -27,6 +30,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from percept.core.box_overlap import iou_3d
 from percept.core.results import Detections3D, Tracks
@@ -46,11 +50,13 @@ from percept.tracking.offline import track_drive
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "truth"))
 
-from noisy_boxes import LEVELS, NoiseLevel, noisy_detections
+from network_boxes import network_detections
+from noisy_boxes import LEVELS, noisy_detections
 from plain_sort import plain_sort
 
 _DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 _COAST_FRAMES = 2
+_NETWORK = "network"
 _AV2_LABELS = {
     "REGULAR_VEHICLE": "car",
     "BOX_TRUCK": "truck",
@@ -76,31 +82,47 @@ class _Sequence:
     poses: Trajectory | None = None
 
 
+_Detect = Callable[[_Sequence, int], TrackedBoxes]
+
+
 def main() -> None:
     """Run all levels on both data sets and print them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=_DATA)
-    parser.add_argument("--level", choices=LEVELS, action="append")
+    parser.add_argument("--level", choices=[*LEVELS, _NETWORK], action="append")
     arguments = parser.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     kitti = list(_kitti(arguments.data / "mot" / "kitti_tracking" / "label_02"))
     av2 = [_av2(arguments.data / "scenes" / "av2" / "7fab2350")]
     worse: list[str] = []
-    for name in arguments.level or LEVELS:
-        worse += _compare(f"KITTI, {name}", kitti, LEVELS[name], _score_kitti(kitti))
-        worse += _compare(f"Argoverse 2, {name}", av2, LEVELS[name], _score_av2(av2))
+    for name in arguments.level or [*LEVELS, _NETWORK]:
+        detect = _detector(name)
+        worse += _compare(f"KITTI, {name}", kitti, detect, _score_kitti(kitti))
+        if name != _NETWORK:
+            worse += _compare(f"Argoverse 2, {name}", av2, detect, _score_av2(av2))
     for row in worse:
         print(f"not better: {row}")
     raise SystemExit(bool(worse))
 
 
-def _compare(title: str, sequences: list[_Sequence], level: NoiseLevel, score: _Score) -> list[str]:
+def _detector(name: str) -> _Detect:
+    def network(one: _Sequence, seed: int) -> TrackedBoxes:
+        found = network_detections(one.truth, seed)
+        return replace(found, scores=expit(found.scores))
+
+    def noisy(one: _Sequence, seed: int) -> TrackedBoxes:
+        return noisy_detections(one.objects, LEVELS[name], seed, ego_xy_m=_places(one))
+
+    return network if name == _NETWORK else noisy
+
+
+def _compare(title: str, sequences: list[_Sequence], detect: _Detect, score: _Score) -> list[str]:
     """Print a level, and return the rows in which the plain tracker is as good."""
     made: dict[str, list[TrackedBoxes]] = {name: [] for name in _TRACKERS}
     seconds = dict.fromkeys(_TRACKERS, 0.0)
     count = 0
     for seed, one in enumerate(sequences):
-        boxes = noisy_detections(one.objects, level, seed, ego_xy_m=_places(one))
+        boxes = detect(one, seed)
         scans = list(_scans(one, boxes))
         count += len(boxes)
         for name, track in _TRACKERS.items():

@@ -23,6 +23,8 @@ from percept.calib import limits
 from percept.cli.app import app
 from percept.cli.detect import verdict as detect_verdict
 from percept.cli.detect.request import DetectConfig
+from percept.cli.track import verdict as track_verdict
+from percept.cli.track.request import TrackConfig
 from percept.core.rig import load_rig
 from percept.core.settings import Settings
 from percept.datasets.inspection import InspectConfig
@@ -34,9 +36,14 @@ from percept.detection.networks.decode import NAMES as LAYOUTS
 from percept.detection.yolo_config import YoloConfig
 from percept.evaluation.boxes_2d import BoxScoreConfig
 from percept.export.image_table import IMAGES_2D
+from percept.export.light_table import LIGHTS
+from percept.export.pose_table import POSES
+from percept.export.scan_table import SCANS_3D
 from percept.export.tables import DETECTIONS_2D, DETECTIONS_3D
+from percept.export.track_table import TRACKS
 from percept.lidar import Rules, load_rules
 from percept.lidar.classify import ShapeRule
+from percept.tracking.config import ClassSettings
 
 _ROOT = Path(__file__).resolve().parents[2]
 _PAGES = sorted([*_ROOT.glob("*.md"), *(_ROOT / "docs").glob("*.md")])
@@ -45,7 +52,14 @@ _NOTEBOOKS = sorted((_ROOT / "notebooks").glob("*.ipynb"))
 _FOREIGN_OPTIONS = {"--upgrade", "--data", "--grid", "--end2end", "--weights", "--include"}
 _LARGEST_PICTURE = 300_000
 # Taken with a browser.
-_PAGE_PICTURES = {"calib_check.png", "calib_report.png", "eval.png", "inspect.png", "report.png"}
+_PAGE_PICTURES = {
+    "calib_check.png",
+    "calib_report.png",
+    "eval.png",
+    "inspect.png",
+    "lights.png",
+    "report.png",
+}
 
 
 def _page(name: str) -> str:
@@ -144,7 +158,7 @@ def test_every_option_in_the_docs_exists(page: Path) -> None:
     [
         "detect", "detect quantize", "eval detections", "inspect", "synth drive", "synth calib",
         "calib camera", "calib lidar", "calib camera-lidar", "calib check", "calib export",
-        "odometry",
+        "odometry", "track", "eval tracks", "eval lights",
     ],
 )  # fmt: skip
 def test_a_page_names_every_option_of_its_command(command: str) -> None:
@@ -181,9 +195,26 @@ def test_the_settings_of_detect_are_complete_and_are_the_defaults() -> None:
     (block,) = _blocks(_section(_page("docs/detect.md"), "Settings"), "yaml")
     values = yaml.safe_load(block)
     assert DetectConfig.model_validate(values) == DetectConfig()
+    # What happens over time has pages of its own.
+    elsewhere = {"tracking", "joining", "lights", "odometry"}
+    assert not any(values.pop(name) for name in elsewhere)
     # The one key of the model that is refused, because it has another place.
     refused = {"lidar.ground.sensor_height_m"}
-    assert _keys(values) == _keys(DetectConfig().model_dump()) - refused
+    assert _keys(values) == _keys(DetectConfig().model_dump(exclude=elsewhere)) - refused
+
+
+def test_the_settings_of_tracks_and_lights_are_complete_and_are_the_defaults() -> None:
+    (block,) = _blocks(_section(_page("docs/track.md"), "Settings"), "yaml")
+    tracks = yaml.safe_load(block)
+    (block,) = _blocks(_section(_page("docs/lights.md"), "Settings"), "yaml")
+    values = {**tracks, **yaml.safe_load(block)}
+    assert TrackConfig.model_validate(values) == TrackConfig()
+    # Of the classes one is written out, the others say what is different.
+    classes, car = values["tracking"].pop("classes"), ClassSettings.model_fields
+    assert classes["car"].keys() == car.keys()
+    defaults = TrackConfig().model_dump()
+    assert classes.keys() == defaults["tracking"].pop("classes").keys()
+    assert _keys(values) == _keys(defaults)
 
 
 def test_the_settings_of_a_network_are_complete_and_are_the_defaults() -> None:
@@ -240,6 +271,10 @@ def test_the_rule_in_the_docs_is_the_one_that_ships(tmp_path: Path) -> None:
         ("docs/detect.md", DETECTIONS_3D.names),
         ("docs/detect.md", DETECTIONS_2D.names),
         ("docs/detect.md", IMAGES_2D.names),
+        ("docs/track.md", TRACKS.names),
+        ("docs/track.md", POSES.names),
+        ("docs/track.md", SCANS_3D.names),
+        ("docs/lights.md", LIGHTS.names),
         ("docs/synth.md", OBJECT_COLUMNS.names),
         ("docs/synth.md", LIGHT_COLUMNS.names),
         ("docs/synth.md", BOX_COLUMNS.names),
@@ -251,9 +286,11 @@ def test_every_column_is_described(page: str, columns: list[str]) -> None:
 
 
 def test_the_limits_of_the_verdict_are_those_of_the_code() -> None:
-    rows = re.findall(r"^\| .* \| (?:bad|doubtful) \|$", _page("docs/detect.md"), re.MULTILINE)
-    assert rows
-    assert set(rows) <= set((detect_verdict.__doc__ or "").splitlines())
+    pattern = re.compile(r"^\| .* \| (?:bad|doubtful) \|$", re.MULTILINE)
+    rows = pattern.findall(_page("docs/detect.md"))
+    of_tracks = pattern.findall(track_verdict.__doc__ or "")
+    assert set(rows) == {*pattern.findall(detect_verdict.__doc__ or ""), *of_tracks}
+    assert pattern.findall(_section(_page("docs/track.md"), "Verdict")) == of_tracks
     text = " ".join(rows)
     assert f"{detect_verdict._LARGEST_HEIGHT_SPREAD_M:.2f} m" in text
     assert all(f"{100 * share:.0f} %" in text for share in detect_verdict._GROUND_SHARE)
@@ -311,6 +348,27 @@ def test_the_tutorial_of_cameras_runs_as_it_stands(tmp_path: Path) -> None:
     assert 0 < sum(tuned["cam_front"].values()) < sum(first["cam_front"].values())
 
 
+def test_the_tutorial_of_tracks_runs_as_it_stands(tmp_path: Path) -> None:
+    _follow("docs/tutorial-tracks.md", tmp_path)
+    runs = {
+        name: json.loads((tmp_path / name / "run.json").read_text())
+        for name in ("run", "again", "by_lidar", "way")
+    }
+    assert {name: run["verdict"] for name, run in runs.items()} == dict.fromkeys(runs, "good")
+    named = {name: sum(runs[name]["counts"]["tracks"].values()) for name in ("run", "again")}
+    unknown = {name: runs[name]["counts"]["tracks"]["unknown"] for name in named}
+    assert named["again"] - unknown["again"] > named["run"] - unknown["run"]
+    # The Python of the page on tracks goes on from a run.
+    (block,) = _blocks(_page("docs/track.md"), "python")
+    (tmp_path / "demo").mkdir()
+    (tmp_path / "demo" / "run").symlink_to(tmp_path / "run")
+    shown = subprocess.run(
+        [sys.executable, "-c", block], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert shown.returncode == 0, shown.stderr
+    assert len(shown.stdout.splitlines()) == 1 + runs["run"]["counts"]["frames"]
+
+
 def _scores(run: Path) -> dict[str, Any]:
     scores: dict[str, Any] = json.loads((run / "scores.json").read_text())
     return scores
@@ -355,9 +413,10 @@ def test_the_python_of_the_readme_runs(drive: Path, tmp_path: Path) -> None:
     assert re.match(r"\d+% ground, \d+ clusters", done.stdout)
 
 
-def test_the_python_of_the_page_of_networks_runs(tmp_path: Path) -> None:
-    assert len(_blocks(_page("docs/networks.md"), "python")) == 1
-    _follow("docs/networks.md", tmp_path)
+@pytest.mark.parametrize("page", ["docs/networks.md", "docs/lights.md"])
+def test_the_python_of_a_page_runs(page: str, tmp_path: Path) -> None:
+    assert len(_blocks(_page(page), "python")) == 1
+    _follow(page, tmp_path)
 
 
 @pytest.mark.parametrize("path", _NOTEBOOKS, ids=lambda path: path.name)

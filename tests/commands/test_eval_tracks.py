@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from percept.core.tracked_boxes import TrackedBoxes
 from percept.core.trajectory import Trajectory
 from percept.core.transform import Transform
 from percept.datasets.labels.kitti_tracking import (
+    read_kitti_detections,
     read_kitti_tracks,
     to_kitti_boxes,
     write_kitti_tracks,
@@ -132,11 +134,30 @@ def test_detections_are_tracked_written_and_scored(run: Run, street: Path, tmp_p
         assert again["by_class"]["Car"][name]["mota"] == pytest.approx(figures["mota"], abs=1e-6)
 
 
+def test_logits_and_probabilities_give_the_same_tracks(
+    run: Run, street: Path, tmp_path: Path
+) -> None:
+    found = read_kitti_detections([street / "cars" / "0003.txt"])
+    likely = np.clip(found.scores, 0.001, 0.999)
+    logits = np.log(likely / (1 - likely))
+    (tmp_path / "logits").mkdir()
+    _write_detections(tmp_path / "logits" / "0003.txt", replace(found, scores=logits))
+    call = ("eval", "tracks", "--labels", street / "labels", "--detections")
+    document = _json(run(*call, tmp_path / "logits", "--out", tmp_path / "a", "--json"))
+    assert any("are logits" in note for note in document["notes"])
+    plain = _json(run(*call, street / "cars", "--out", tmp_path / "b", "--json"))
+    assert not any("are logits" in note for note in plain["notes"])
+    made, same = (read_kitti_tracks(tmp_path / name / "tracks" / "0003.txt") for name in ("a", "b"))
+    np.testing.assert_allclose(made.boxes_m, same.boxes_m, atol=1e-3)
+    assert made.scores.max() > 1.0 >= same.scores.max()
+
+
 def test_hindsight_and_settings_change_the_tracks(run: Run, street: Path, tmp_path: Path) -> None:
     call = ("eval", "tracks", "--detections", street / "cars", "--labels", street / "labels")
-    online = _json(run(*call, "--json"))["by_class"]["Car"]["3d_0.25"]
-    known = _json(run(*call, "--hindsight", "--json"))["by_class"]["Car"]["3d_0.25"]
-    seen = _json(run(*call, "--coast", "0", "--json"))["by_class"]["Car"]["3d_0.25"]
+    known = _json(run(*call, "--json"))["by_class"]["Car"]["3d_0.25"]
+    live = (*call, "--online")
+    online = _json(run(*live, "--json"))["by_class"]["Car"]["3d_0.25"]
+    seen = _json(run(*live, "--coast", "0", "--json"))["by_class"]["Car"]["3d_0.25"]
     assert known["num_misses"] < online["num_misses"] < seen["num_misses"]
     settings = tmp_path / "tracker.yaml"
     settings.write_text("classes: {car: {keep_score: 2.0}}\n")
@@ -263,7 +284,8 @@ def test_frames_are_aligned_by_all_poses() -> None:
     [
         ([], 2, "give one of RUN, --detections and --tracks"),
         (["--tracks", "gt.txt", "--detections", "d"], 2, "give one of RUN"),
-        (["--tracks", "gt.txt", "--hindsight"], 2, "--hindsight needs --detections"),
+        (["--tracks", "gt.txt", "--online"], 2, "--online needs --detections"),
+        (["--detections", "d", "--coast", "1"], 2, "--coast needs --online"),
         (["--tracks", "gt.txt", "--coast", "1"], 2, "--coast needs --detections"),
         (["--detections", "d", "--format", "mot"], 2, "--format mot is for --tracks"),
         (["run", "--format", "mot"], 2, "leave --format out"),

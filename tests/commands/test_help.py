@@ -16,6 +16,7 @@ _COMMANDS = [
     ["inspect"],
     ["detect"],
     ["detect", "quantize"],
+    ["track"],
     ["synth"],
     ["synth", "drive"],
     ["synth", "calib"],
@@ -24,6 +25,7 @@ _COMMANDS = [
     ["eval"],
     ["eval", "detections"],
     ["eval", "lights"],
+    ["eval", "tracks"],
     ["odometry"],
     ["view"],
 ]

@@ -364,7 +364,7 @@ def _kitti_values_of_benchmark(path: Path) -> dict[str, _F64]:
     xyz=st.lists(st.floats(-50, 50), min_size=3, max_size=3),
     lock=st.sampled_from([0, 1, -1]),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_every_place_survives_the_way_there_and_back(
     quat: list[float], xyz: list[float], lock: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

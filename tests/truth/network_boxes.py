@@ -28,19 +28,21 @@ LEAST_LOGIT = -0.85
 
 _SEEN_AS = {
     "Car": (("Car", 0.0),),
-    "Van": (("Car", -2.0),),
-    "Truck": (("Car", -7.0),),
-    "Pedestrian": (("Pedestrian", -1.0),),
-    "Person": (("Pedestrian", -3.0),),
-    "Person_sitting": (("Pedestrian", -3.0),),
-    "Cyclist": (("Cyclist", -0.5), ("Pedestrian", -7.0)),
+    "Van": (("Car", 2.0),),
+    "Truck": (("Car", 7.0),),
+    "Pedestrian": (("Pedestrian", 5.0),),
+    "Person": (("Pedestrian", 7.0),),
+    "Person_sitting": (("Pedestrian", 7.0),),
+    "Cyclist": (("Cyclist", 1.0), ("Pedestrian", 8.0)),
 }
 """The classes that objects are reported as, and how much weaker than a car."""
 
 _NEAR_LOGIT = 11.0
 _LOSS_PER_M = 0.10
 _HIDDEN_LOSS = (0.0, 1.5, 4.0, 8.0)
-_OBJECT_SD, _FRAME_SD = 1.5, 1.7
+_OBJECT_SD, _FRAME_SD = 2.2, 1.7
+_NOISE = replace(LEVELS["moderate"], position_m=0.03, size=0.03, yaw_rad=0.03)
+_BIAS_M, _BIAS_SIZE = 0.06, 0.04
 _DROPPED = 0.01  # whatever the score
 _UNLABELLED = 0.06  # objects without a label for each labelled one
 _UNLABELLED_LOSS = 5.0
@@ -92,17 +94,31 @@ def _reported(
     """Return the objects with the errors of the detector; the better seen, the smaller."""
     names, numbers = np.unique(objects.ids, return_inverse=True)
     ranges = np.hypot(objects.boxes_m[:, 0], objects.boxes_m[:, 1])
-    logits = _NEAR_LOGIT - _loss_of(objects, ranges) + loss
+    logits = _NEAR_LOGIT - loss - _loss_of(objects, ranges)
     logits += rng.normal(0.0, _OBJECT_SD, len(names))[numbers]
     logits += steady_noise(objects.ids, 1, rng)[:, 0] * _FRAME_SD
     return replace(
         objects,
         ids=np.full(len(objects), -1, np.int64),
         labels=(label,) * len(objects),
-        boxes_m=disturbed(objects, ranges, LEVELS["moderate"], rng),
+        boxes_m=disturbed(_biased(objects, rng), ranges, _NOISE, rng),
         boxes_px=objects.boxes_px + rng.normal(0.0, 1.0, (len(objects), 4)),
         scores=logits,
     )
+
+
+def _biased(objects: TrackedBoxes, rng: np.random.Generator) -> TrackedBoxes:
+    """Return the objects with sizes and places off by what does not change with time.
+
+    A network knows the usual size, and puts it to the side that it sees.
+    """
+    names, numbers = np.unique(objects.ids, return_inverse=True)
+    sizes = np.exp(rng.normal(0.0, _BIAS_SIZE, (len(names), 3)))[numbers]
+    boxes = objects.boxes_m.copy()
+    boxes[:, 3:6] *= sizes
+    boxes[:, :2] += rng.normal(0.0, _BIAS_M, (len(names), 2))[numbers]
+    boxes[:, 2] += rng.normal(0.0, _BIAS_M, len(names))[numbers]
+    return replace(objects, boxes_m=boxes)
 
 
 def _loss_of(objects: TrackedBoxes, ranges: _F64) -> _F64:
@@ -119,7 +135,7 @@ def _unlabelled(objects: TrackedBoxes, rng: np.random.Generator) -> TrackedBoxes
         if rng.random() < _UNLABELLED
     ]
     return _all(
-        [_reported(one, one.labels[0], -_UNLABELLED_LOSS, rng) for one in copies], objects
+        [_reported(o, o.labels[0], _UNLABELLED_LOSS, rng) for o in copies if len(o)], objects
     )
 
 
@@ -132,7 +148,7 @@ def _clutter(objects: TrackedBoxes, rng: np.random.Generator) -> TrackedBoxes:
             for shift in range(rng.integers(1, 4)):
                 one = place.select(rng.random(len(place)) < _CLUTTER_SHOWN)
                 boxes = one.boxes_m.copy()
-                boxes[:, :2] += [2.5 * shift, 0.0] + rng.normal(0.0, 0.3, (len(one), 2))
+                boxes[:, :2] += rng.normal((2.5 * shift, 0.0), 0.3, (len(one), 2))
                 boxes[:, 6] += rng.normal(0.0, 0.6, len(one))
                 scores = rng.normal(_CLUTTER_LOGIT, _CLUTTER_SD, len(one))
                 parts.append(replace(one, boxes_m=boxes, scores=scores))

@@ -61,7 +61,7 @@ def _span(a: _F64, b: _F64) -> tuple[float, float]:
     return max(min(tops) - max(bottoms), 0.0), max(tops) - min(bottoms)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(a=_boxes, b=_boxes)
 def test_agrees_with_half_planes_and_hulls(a: _F64, b: _F64) -> None:
     area, (shared_m, span_m) = _shared_area(a, b), _span(a, b)
@@ -75,7 +75,7 @@ def test_agrees_with_half_planes_and_hulls(a: _F64, b: _F64) -> None:
     assert giou_3d(*pair)[0, 0] == pytest.approx(volume / union - (hull - union) / hull, abs=1e-5)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(a=_boxes, b=_boxes)
 def test_agrees_with_samples(a: _F64, b: _F64) -> None:
     """The share of a fine grid over the first box that lies in the second one too."""
@@ -88,7 +88,7 @@ def test_agrees_with_samples(a: _F64, b: _F64) -> None:
     )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(a=_boxes, b=_boxes, shift=st.floats(-1e5, 1e5), turn=st.floats(-3.0, 3.0))
 def test_order_place_and_direction_make_no_difference(
     a: _F64, b: _F64, shift: float, turn: float
@@ -107,7 +107,7 @@ def test_order_place_and_direction_make_no_difference(
         assert overlap(a[None], a[None])[0, 0] == pytest.approx(1.0, abs=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(a=_boxes, b=_boxes)
 def test_far_pairs_are_cut_off(a: _F64, b: _F64) -> None:
     distance = math.hypot(a[0] - b[0], a[1] - b[1])

@@ -175,7 +175,7 @@ def test_lzf_undoes_copies_that_overlap() -> None:
 
 
 @given(st.binary(max_size=60), st.integers(0, 300))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_lzf_of_anything_stays_in_its_bounds(packed: bytes, size: int) -> None:
     unpacked = decompress_lzf(np.frombuffer(packed, np.uint8), size)
     assert len(unpacked) in (0, size)
@@ -242,7 +242,6 @@ def test_nuscenes_files_have_five_columns(tmp_path: Path) -> None:
 @given(data=st.binary(max_size=200))
 @settings(
     max_examples=30,
-    deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )

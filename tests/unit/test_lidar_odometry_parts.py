@@ -133,9 +133,11 @@ def test_a_corridor_holds_nothing_along_and_leaves_it_as_it_was() -> None:
 
 def test_a_pose_that_would_go_far_stays_and_no_surface_is_no_fit() -> None:
     rng = np.random.default_rng(0)
-    start = _motion([0, 0, 0], [0.65, 0, 0])
+    near, far = (_motion([0, 0, 0], [off_m] * 3) for off_m in (0.25, 0.35))  # 0.43 m and 0.61 m
     surfaces = SurfaceMap(_room(rng, (0, 1, 2), 3000), cell_m=1.0)
-    assert surfaces.settle(_room(rng, (0, 1, 2), 300), start) is start
+    scan = _room(rng, (0, 1, 2), 300)
+    np.testing.assert_allclose(surfaces.settle(scan, near)[:3, 3], 0.0, atol=5e-3)
+    assert surfaces.settle(scan, far) is far
     nothing = SurfaceMap(np.zeros((3, 3)), cell_m=1.0).fit(np.ones((50, 3)), np.eye(4))
     assert (nothing.overlap, nothing.points) == (0.0, 50)
     assert nothing.degenerate

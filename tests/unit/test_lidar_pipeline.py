@@ -137,6 +137,16 @@ def test_columns_belong_together(result: ScanResult, street: PointCloud) -> None
     assert len(result.cloud) == (ranges <= 100).sum()
 
 
+def test_a_box_has_the_mean_time_of_its_points(detector: LidarDetector, street: PointCloud) -> None:
+    offset_ns = np.arange(len(street), dtype=np.int64) * 1000
+    found = detector.detect(replace(street, offset_ns=offset_ns))
+    assert found.cloud.offset_ns is not None
+    for row in range(len(found.detections)):
+        times = found.cloud.offset_ns[found.cluster_ids == row]
+        assert found.detections.offsets_ns[row] == pytest.approx(times.mean(), abs=1)
+    assert not detector.detect(street).detections.offsets_ns.any()
+
+
 def test_the_same_scan_gives_the_same_bytes(
     detector: LidarDetector, street: PointCloud, result: ScanResult
 ) -> None:

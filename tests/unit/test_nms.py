@@ -37,7 +37,7 @@ def _plain(boxes: NDArray[np.float64], ids: NDArray[np.int64], scores: NDArray[n
     return kept
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(0, 60), st.integers(1, 4), st.floats(0, 1))
 def test_equals_plain_loops(seed: int, count: int, classes: int, iou: float) -> None:
     columns = _random(seed, count, classes, span=60)

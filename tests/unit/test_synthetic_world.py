@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from percept.core.errors import GeometryError
+from percept.core.geodesy import LocalFrame
 from percept.datasets.synthetic.creatures import make_deer, make_pedestrian
 from percept.datasets.synthetic.ego import EgoMotion
 from percept.datasets.synthetic.furniture import make_barrel, make_sign
-from percept.core.geodesy import LocalFrame
 from percept.datasets.synthetic.layout import CONVEYORS, block_at, slot_objects
 from percept.datasets.synthetic.primitives import Material, box, ellipsoid, extents, frustum
 from percept.datasets.synthetic.shapes import Shape

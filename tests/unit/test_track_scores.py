@@ -215,11 +215,13 @@ def test_tracks_get_their_pixels_and_scores_from_the_detections() -> None:
         _moment(2, observed=False, score=0.8),
         _moment(3, observed=False, score=0.8),
     ]
-    made = tracked_boxes(found, moments, coast_frames=1, names={"car": "Car"})
+    made = tracked_boxes(found, moments, coast_frames=1, names={"car": "Car"}, weak_score=0.1)
     assert made.frames.tolist() == [1, 2]  # not on trial, and not two frames after it was seen
     assert made.labels == ("Car", "Car")
     np.testing.assert_allclose(made.boxes_px[:, 0], 111.0)
-    assert made.scores.tolist() == [0.8, 0.8]
+    # The detections in it, and six weak ones: two seen beside what is on trial.
+    expected = (found.scores[:2].sum() + 6 * 0.1) / 8
+    np.testing.assert_allclose(made.scores, expected)
     assert not len(tracked_boxes(found, moments, coast_frames=1, names={"truck": "Truck"}))
 
 

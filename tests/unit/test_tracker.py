@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,6 +76,25 @@ def test_with_poses_velocities_are_over_the_ground() -> None:
     assert_allclose(tracks.velocities_mps, [[0, 0], [0, 5]], atol=0.05)
     assert_allclose(tracks.boxes_m[0], _car(30.0, 6.0, 0.2), atol=0.05)
     assert_allclose(tracks.boxes_m[1, [0, 1, 6]], [40.0, 5.0, np.pi / 2], atol=0.05)
+
+
+@pytest.mark.parametrize("with_poses", [True, False])
+def test_boxes_that_were_measured_at_another_time_than_the_scan(*, with_poses: bool) -> None:
+    # The vehicle drives 10 m/s; each box is measured 50 ms before or after the stamp.
+    poses = _poses(lambda t: (10 * t, 0.0, 0.0), 3.2)
+    tracker = Tracker(poses=poses if with_poses else None)
+    for k in range(1, 31):
+        stamp_ns = k * _S // 10
+        offsets = np.array([50_000_000, -50_000_000])
+        parked = _seen_from(poses, stamp_ns + int(offsets[0]), _car(50.0, 6.0))
+        y_m = -10.0 + 5.0 * (stamp_ns + int(offsets[1])) / _S
+        driving = _seen_from(poses, stamp_ns + int(offsets[1]), _car(40.0, y_m, np.pi / 2))
+        scan = _scan(stamp_ns, [parked, driving], ("car", "car"))
+        tracker.push(replace(scan, offsets_ns=offsets))
+    tracks = tracker.tracks(3 * _S)
+    moved = 0.0 if with_poses else 30.0
+    assert_allclose(tracks.boxes_m[:, 0], [50.0 - moved, 40.0 - moved], atol=0.03)
+    assert_allclose(tracks.boxes_m[:, 1], [6.0, 5.0], atol=0.03)
 
 
 def test_without_poses_the_frame_of_the_detections_is_the_frame() -> None:

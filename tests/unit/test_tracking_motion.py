@@ -79,8 +79,8 @@ def test_two_short_predictions_are_one_long_one(first: float, second: float) -> 
     middle, spread = _predict(model, state, first, before)
     two = _predict(model, middle, second, spread[None])
     one = _predict(model, state, first + second, before)
-    assert_allclose(two[0], one[0], rtol=1e-9)
-    assert_allclose(two[1], one[1], rtol=1e-9)
+    assert_allclose(two[0], one[0], rtol=1e-9, atol=1e-12)
+    assert_allclose(two[1], one[1], rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["velocity", "turn"])

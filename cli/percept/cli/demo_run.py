@@ -19,6 +19,7 @@ from percept.datasets import open_recording
 from percept.datasets.inspection import inspect_recording
 from percept.datasets.labels import read_detections, read_labels
 from percept.datasets.synthetic.drive import DriveConfig
+from percept.datasets.synthetic.sensor_rig import CAMERA_NAMES
 from percept.evaluation import DetectionScores, score_run
 from percept.evaluation.boxes_2d import BoxScoreConfig, BoxScores, score_boxes, scores_as_json
 from percept.evaluation.lights import LightCounts
@@ -51,7 +52,8 @@ def run_demo(out: Path, *, seed: int, seconds: float, force: bool, talk: bool) -
             typer.echo(text)
 
     say(f"1. a drive of {seconds:g} s through a synthetic street -> {out}")
-    drive = make_drive(out, DriveConfig(seed=seed, seconds=seconds), "mcap", force=force)
+    config = DriveConfig(seed=seed, seconds=seconds, cameras=CAMERA_NAMES)
+    drive = make_drive(out, config, "mcap", force=force)
     say(f"   {drive['counts']['messages']} messages of {len(drive['counts']['topics'])} topics")
     log = out / "drive.mcap"
     with open_recording(log) as recording:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-__all__ = ["deferred_interrupt"]
+__all__ = ["deferred_interrupt", "prompt_interrupt"]
 
 
 @contextmanager
@@ -35,5 +35,18 @@ def deferred_interrupt() -> Iterator[Callable[[], None]]:
     before = signal.signal(signal.SIGINT, remember)
     try:
         yield check
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def prompt_interrupt() -> Iterator[None]:
+    """Let a Ctrl-C end the block at once, inside `deferred_interrupt` too.
+
+    For long work that writes nothing and has no place to ask.
+    """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
     finally:
         signal.signal(signal.SIGINT, before)

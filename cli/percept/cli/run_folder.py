@@ -69,8 +69,23 @@ class RunFolder:
             ) from error
         self._stale = () if resume else ("run.json", *outputs)
 
-    def begin(self) -> None:
-        """Remove the outputs of an earlier run, unless it is resumed."""
+    def begin(self, inputs: Iterable[Path] = ()) -> None:
+        """Remove the outputs of an earlier run, unless it is resumed.
+
+        Args:
+            inputs: Files that the command reads: none of them may be such an output.
+
+        Raises:
+            UsageError: If an input would be removed.
+        """
+        stale = {(self.path / name).resolve() for name in self._stale}
+        for path in inputs:
+            if not stale.isdisjoint((path.resolve(), *path.resolve().parents)):
+                raise UsageError(
+                    "would be written over: it is read, and lies in --out",
+                    where=path,
+                    remedy="Give another --out",
+                )
         self._clear(self._stale)
 
     def _check_contents(self, *, force: bool, resume: bool) -> None:

@@ -35,6 +35,10 @@ def fill_iou_bev(a: _F, b: _F, out: _F) -> None:
     corners, spare = np.empty((MOST_CORNERS, 2)), np.empty((MOST_CORNERS, 2))
     for i in range(len(a)):
         for j in range(len(b)):
+            reach = 0.5 * (a[i, 3] + a[i, 4] + b[j, 3] + b[j, 4])
+            if (b[j, 0] - a[i, 0]) ** 2 + (b[j, 1] - a[i, 1]) ** 2 >= reach * reach:
+                out[i, j] = 0.0  # most pairs, which then cost next to nothing
+                continue
             shared = _shared_area(a[i], b[j], corners, spare)
             union = a[i, 3] * a[i, 4] + b[j, 3] * b[j, 4] - shared
             out[i, j] = shared / union if union > 0.0 else 0.0

@@ -154,18 +154,27 @@ class LightTracker:
 
         Args:
             smoothed: With hindsight: each answer rests on all images before and after it, so that
-                it has no delay. Without, it is that of `lights`, as the car would have known.
-                As the settings say if it is not given.
+                it has no delay, and a light is there from its first box on. Without, it is
+                that of `lights`, as the car would have known. As the settings say if it is not
+                given.
         """
         beliefs = [step.beliefs for step in self._steps]
+        born = None
         if self.config.smoothed if smoothed is None else smoothed:
+            born = self._ever_born()
             beliefs = smoothed_beliefs(
                 [(step.beliefs, step.sightings) for step in self._steps], self._chain
             )
         for number, one in enumerate(beliefs):
             last = number + 1 == len(beliefs) or beliefs[number + 1].stamp_ns > one.stamp_ns
-            if last and len(states := self._answer(one)):
+            if last and len(states := self._answer(one, born)):
                 yield states
+
+    def _ever_born(self) -> NDArray[np.int64]:
+        """Return the ids of the lights that ever had the detections that a light needs."""
+        least = self.config.birth_detections
+        found = [step.beliefs.ids[step.beliefs.detections >= least] for step in self._steps]
+        return np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
 
     def _forget_tracks(self, newest_ns: int) -> None:
         """Drop the box tracks of steps that no rewind can come back to."""
@@ -219,9 +228,11 @@ class LightTracker:
             dropped["light box where the map has no light"] += spare
         return ids
 
-    def _answer(self, beliefs: Beliefs) -> LightStates:
+    def _answer(self, beliefs: Beliefs, born: NDArray[np.int64] | None = None) -> LightStates:
+        """Return the states of the lights that are born by now, or of those that are given."""
         config = self.config
-        reported = beliefs.subset(beliefs.detections >= config.birth_detections)
+        is_born = beliefs.detections >= config.birth_detections
+        reported = beliefs.subset(is_born if born is None else np.isin(beliefs.ids, born))
         classes = reported.posteriors.astype(np.float64) @ self._chain.space.to_classes
         if self._groups:
             classes = fuse_groups(

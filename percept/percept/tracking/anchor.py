@@ -8,17 +8,13 @@ completed away from the sensor, from the sides that are seen.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.tracking.config import TrackerConfig
 from percept.tracking.history import TrackHistory
-from percept.tracking.smooth import predict_steps, smooth_states
-from percept.tracking.smooth_shapes import facing_sizes, smooth_shapes
+from percept.tracking.smooth_shapes import facing_sizes
 
-__all__ = ["anchored"]
+__all__ = ["completions"]
 
 _F64 = NDArray[np.float64]
 
@@ -27,35 +23,23 @@ _TOLERANCE_M = 0.2
 _SURE_BESIDE_M = 1.0
 
 
-def anchored(
-    history: TrackHistory, origins_m: _F64, config: TrackerConfig, *, still_frame: bool
-) -> TrackHistory:
-    """Return a track as the filter would know it, had it known the size from the beginning.
+def completions(history: TrackHistory, shapes: _F64, origins_m: _F64) -> _F64:
+    """Return by how much (K, 3) the whole of an object is beside what was measured of it.
 
-    Its shapes are those with hindsight. Differences of size within the noise of a detector
-    (a fifth of a metre and a tenth of the size) move nothing.
+    Differences of size within the noise of a detector (a fifth of a metre and a tenth of the
+    size) move nothing; a step without a detection has zeros.
 
     Args:
-        history: A track that begins with a detection, as the tracker knew it.
+        history: A track as the tracker knew it.
+        shapes: (K, 4) length, width, height and yaw with hindsight.
         origins_m: (K, 2) from where it was seen at each step.
-        config: The settings that the tracker ran with.
-        still_frame: As for `smooth_track`.
     """
-    seen = history.observed
-    as_seen = np.where(seen[:, None], history.measured[:, 3:], history.shapes)
-    states, covariances = smooth_states(history, config)
-    smooth = replace(history, states=states, covariances=covariances, shapes=as_seen)
-    shapes = smooth_shapes(smooth, still_frame=still_frame)
-    parts = facing_sizes(as_seen[seen], shapes[seen, 3])
+    seen = np.flatnonzero(history.observed)
+    measured = history.measured[seen]
+    parts = facing_sizes(measured[:, 3:], shapes[seen, 3])
     shifts = np.zeros((len(history), 3))
-    away = history.measured[seen, :2] - origins_m[seen]
-    shifts[seen, :2] = _completions(parts, shapes[seen], away)
-    return replace(
-        history,
-        states=history.states + _effect(history, shifts, config),
-        shapes=shapes,
-        measured=history.measured + np.pad(shifts, ((0, 0), (0, 4))),
-    )
+    shifts[seen, :2] = _completions(parts, shapes[seen], measured[:, :2] - origins_m[seen])
+    return shifts
 
 
 def _completions(parts: _F64, shapes: _F64, away: _F64) -> _F64:
@@ -75,19 +59,3 @@ def _completions(parts: _F64, shapes: _F64, away: _F64) -> _F64:
     shift = np.sign(along) * np.maximum(missing, 0.0) / 2 * np.clip(beyond, 0.0, 1.0)
     moved: _F64 = np.einsum("nij,ni->nj", axes, shift)
     return moved
-
-
-def _effect(history: TrackHistory, shifts: _F64, config: TrackerConfig) -> _F64:
-    """Return what shifts (K, 3) of the measured centres change in the filtered states (K, D).
-
-    The filter is linear in what it measures: with its gain ``K = P H' R^-1`` the change is
-    ``(I - K H) F change_before + K shift``, and ``I - K H = P P_predicted^-1``.
-    """
-    from percept.tracking.smooth_kernels import push_forwards
-
-    _, spreads, jacobians = predict_steps(history, config)
-    kept = np.linalg.solve(spreads, history.covariances[1:]).transpose(0, 2, 1) @ jacobians
-    precisions = np.where(history.observed[:, None], 1 / history.variances_m2, 0.0)
-    gains = history.covariances[:, :, :3] * precisions[:, None]
-    pushed = np.einsum("nij,nj->ni", gains, shifts)
-    return push_forwards(kept, pushed)

@@ -39,14 +39,13 @@ def fill_pair_costs(
         for j in range(len(seen)):
             costs[i, j] = np.inf
             x, y = boxes[i, 0] - seen[j, 0], boxes[i, 1] - seen[j, 1]
-            distance = np.hypot(x, y)
-            if distance > gates_m[i, j]:
+            if x * x + y * y > gates_m[i, j] ** 2:
                 continue
             if not _mahalanobis(x, y, spreads[i], seen_spreads[j]) <= gate_sigma**2:
                 continue
             overlap = giou_3d_of(boxes[i], seen[j], corners, spare)
             costs[i, j] = (
-                weights[0] * distance / gates_m[i, j]
+                weights[0] * np.sqrt(x * x + y * y) / gates_m[i, j]
                 + weights[1] * _size_difference(boxes[i], seen[j])
                 + weights[2] * 0.5 * (1.0 - overlap)
                 + weights[3] * label_costs[i, j]

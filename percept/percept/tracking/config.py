@@ -45,10 +45,10 @@ class ClassSettings(Settings):
     motion: Motion = "velocity"
     elongated: bool = False
     velocity_walk_mps: float = Field(default=1.5, gt=0)
-    turn_walk_radps: float = Field(default=0.3, gt=0)
+    turn_walk_radps: float = Field(default=0.2, gt=0)
     height_walk_m: float = Field(default=0.3, gt=0)
     birth_speed_mps: float = Field(default=5.0, gt=0)
-    birth_turn_radps: float = Field(default=0.2, gt=0)
+    birth_turn_radps: float = Field(default=0.1, gt=0)
     position_sd_m: float = Field(default=0.25, gt=0)
     position_sd_per_m: float = Field(default=0.005, ge=0)
     height_sd_m: float = Field(default=0.2, gt=0)
@@ -78,16 +78,15 @@ class AssociationWeights(Settings):
     overlap: float = Field(default=1.0, ge=0)
     label: float = Field(default=0.3, ge=0)
     miss: float = Field(default=1.5, gt=0)
-    gate_sigma: float = Field(default=4.0, gt=0)
+    gate_sigma: float = Field(default=3.3, gt=0)
 
 
 _DEFAULT_CLASSES = {
     "car": ClassSettings(
-        motion="turn", elongated=True, velocity_walk_mps=2.0, birth_speed_mps=10.0, gate_m=2.0
+        motion="turn", elongated=True, birth_speed_mps=10.0, gate_m=2.0
     ),
     "truck": ClassSettings(
-        motion="turn", elongated=True, birth_speed_mps=10.0, gate_m=4.0, position_sd_m=0.4,
-        turn_walk_radps=0.2,
+        motion="turn", elongated=True, birth_speed_mps=10.0, gate_m=4.0, position_sd_m=0.4
     ),
     "cyclist": ClassSettings(elongated=True, gate_m=1.5),
     "pedestrian": ClassSettings(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.tracking.motion import STATE_SIZE
-
 __all__ = [
     "aligned_shapes",
     "turn_to_course",
@@ -17,7 +15,6 @@ __all__ = [
 ]
 
 _F64 = NDArray[np.float64]
-
 
 
 def update_positions(
@@ -66,18 +63,19 @@ def widened(variances_m2: _F64, shapes: _F64, aligned: _F64) -> _F64:
 
     A box around a part of an object has its centre up to half of the missing length beside it.
     """
-    missing = np.abs(aligned[:, :2] - shapes[:, :2]).max(axis=1)
+    from percept.tracking.filter_kernels import widen
+
     wide = variances_m2.copy()
-    wide[:, :2] += (0.25 * missing**2)[:, None]
+    widen(wide, shapes, aligned)
     return wide
 
 
 def update_shapes(shapes: _F64, aligned: _F64, gains: _F64) -> _F64:
     """Return the (N, 4) shapes moved towards aligned measurements by the gains (N,)."""
-    step = aligned - shapes
-    step[:, 3] = wrap_angle(step[:, 3])
-    moved = shapes + gains[:, None] * step
-    moved[:, 3] = wrap_angle(moved[:, 3])
+    from percept.tracking.filter_kernels import move_shapes
+
+    moved = shapes.copy()
+    move_shapes(moved, aligned, gains)
     return moved
 
 

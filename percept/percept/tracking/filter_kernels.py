@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["align_shapes", "turn_shapes", "update_in_place"]
+__all__ = ["align_shapes", "move_shapes", "turn_shapes", "update_in_place", "widen"]
 
 _F = NDArray[np.float64]
 _Flags = NDArray[np.bool_]
@@ -87,6 +87,25 @@ def _size_difference(shape: _F, length: float, width: float) -> float:
     longer = max(max(shape[0], length), 1e-6)
     wider = max(max(shape[1], width), 1e-6)
     return float(0.5 * (abs(shape[0] - length) / longer + abs(shape[1] - width) / wider))
+
+
+@_compiled
+def widen(variances: _F, shapes: _F, aligned: _F) -> None:
+    """Do what `widened` says to variances (N, 3), in place."""
+    for k in range(len(shapes)):
+        missing = max(abs(aligned[k, 0] - shapes[k, 0]), abs(aligned[k, 1] - shapes[k, 1]))
+        variances[k, 0] += 0.25 * missing**2
+        variances[k, 1] += 0.25 * missing**2
+
+
+@_compiled
+def move_shapes(shapes: _F, aligned: _F, gains: _F) -> None:
+    """Move shapes (N, 4) towards aligned ones by the gains (N,), in place."""
+    for k in range(len(shapes)):
+        for side in range(3):
+            shapes[k, side] += gains[k] * (aligned[k, side] - shapes[k, side])
+        turn = _wrapped(aligned[k, 3] - shapes[k, 3])
+        shapes[k, 3] = _wrapped(shapes[k, 3] + gains[k] * turn)
 
 
 @_compiled

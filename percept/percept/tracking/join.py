@@ -7,37 +7,45 @@ gap, where both must agree in position, velocity, class and size.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from percept.core.settings import Settings
 from percept.tracking.config import TrackerConfig
 from percept.tracking.history import TrackHistory
 from percept.tracking.motion import predict_turns
-from percept.tracking.refilter import continued, walks_of, whole
-from percept.tracking.smooth import part_of, smooth_states
+from percept.tracking.pieces import BACKWARDS, Moment, Piece
+from percept.tracking.refilter import continued, walks_of
 
-__all__ = ["JoinConfig", "join_tracks"]
+__all__ = ["Chain", "JoinConfig", "join_tracks", "whole_track"]
+
+Chain = list[Piece]
+"""The pieces of one object, in order of time."""
 
 _F64 = NDArray[np.float64]
 _Index = NDArray[np.int64]
 
 _PLANE = (0, 1, 3, 4)
-_BACKWARDS = np.array([1.0, 1, 1, -1, -1, -1])
 _SIZE_SD = 0.3  # of the natural logarithms of what is seen of a size
 _THINNEST_M = 0.05  # a flat cluster has no width
-_HEAD_STEPS = 30  # what comes later says next to nothing about a beginning
+# Scans that are no farther apart are of one moment, and what they show are two objects.
+_ONE_MOMENT_NS = 1_000_000
+_BLOCK = 500
 
 
 class JoinConfig(Settings):
     """When two tracks are pieces of one object.
 
     Attributes:
+        least_detections: Tracks with fewer detections are not joined: any two lie on a line.
         longest_gap_s: Longest time between the last detection of one and the first of the other.
         gate_sigma: Largest Mahalanobis distance of position and velocity where they meet.
         largest_cost: Largest -2 log likelihood, in metres and m/s, of the differences of position,
@@ -45,42 +53,53 @@ class JoinConfig(Settings):
             object is as likely.
     """
 
+    least_detections: int = Field(default=3, ge=2)
     longest_gap_s: float = Field(default=3.0, ge=0)
     gate_sigma: float = Field(default=3.5, gt=0)
     largest_cost: float = 14.0
 
 
-def join_tracks(
-    tracks: Sequence[TrackHistory],
-    scans_ns: NDArray[np.int64],
-    config: TrackerConfig,
-    joining: JoinConfig,
-) -> tuple[list[TrackHistory], int]:
-    """Join the tracks that are pieces of one object; never two that exist at one time.
+def join_tracks(pieces: Iterable[Piece], config: TrackerConfig, joining: JoinConfig) -> list[Chain]:
+    """Find the tracks that are pieces of one object; never two that exist at one time.
 
     Which end continues in which beginning is decided for all together (Hungarian), by the
-    likelihood of the difference where they meet. A joined track keeps the first id. Its gap has
-    a step at each scan, not observed; after it the filter has run again, on from before the gap.
+    likelihood of the difference where they meet.
 
     Args:
-        tracks: Tracks that begin and end with a detection, as the tracker knew them.
-        scans_ns: (S,) times of all scans, rising.
-        config: The settings that the tracker ran with.
+        pieces: Tracks as the tracker knew them.
+        config: The settings that it ran with.
         joining: When to join.
 
     Returns:
-        The tracks that are left, by time of birth, and how many gaps were closed.
+        The pieces of each object in order of time; the objects by time of birth.
     """
-    pieces = sorted(tracks, key=lambda track: (int(track.stamps_ns[0]), track.track_id))
-    following = {int(a): int(b) for a, b in _matches(pieces, config, joining)}
-    joined = []
-    for row in sorted(set(range(len(pieces))) - set(following.values())):
-        track, last = pieces[row], row
+    ordered = sorted(pieces, key=lambda piece: (piece.start.stamp_ns, piece.track_id))
+    following = {int(a): int(b) for a, b in _matches(ordered, config, joining)}
+    chains = []
+    for row in sorted(set(range(len(ordered))) - set(following.values())):
+        chain, last = [ordered[row]], row
         while last in following:
             last = following[last]
-            track = continued(track, pieces[last], scans_ns, config)
-        joined.append(track)
-    return joined, len(following)
+            chain.append(ordered[last])
+        chains.append(chain)
+    return chains
+
+
+def whole_track(chain: Chain, scans_ns: NDArray[np.int64], config: TrackerConfig) -> TrackHistory:
+    """Return the pieces of one object as one track, with the id of the first.
+
+    Its gaps have a step at each scan, not observed; after them the filter has run again, on from
+    before the gap.
+
+    Args:
+        chain: As `join_tracks` returns them.
+        scans_ns: (S,) times of all scans, rising.
+        config: The settings that the tracker ran with.
+    """
+    track = chain[0].history(config)
+    for piece in chain[1:]:
+        track = continued(track, piece.history(config), scans_ns, config)
+    return track
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,26 +114,66 @@ class _Ends:
     beliefs: _F64
     sizes_m: _F64
 
+    @classmethod
+    def of(cls, moments: Sequence[Moment], turns: NDArray[np.bool_], config: TrackerConfig) -> Self:
+        beliefs = np.stack([moment.belief for moment in moments])
+        gates_m = np.array([settings.gate_m for settings in config.classes.values()])
+        return cls(
+            np.array([moment.stamp_ns for moment in moments]),
+            np.stack([moment.state for moment in moments]),
+            np.stack([moment.covariance for moment in moments]),
+            walks_of(beliefs, turns, config),
+            gates_m[beliefs.argmax(axis=1)],
+            beliefs,
+            np.stack([moment.size_m for moment in moments]),
+        )
+
+    @property
+    def speeds(self) -> _F64:
+        return np.hypot(self.states[:, 3], self.states[:, 4])
+
     def take(self, rows: _Index) -> _Ends:
         return _Ends(*(getattr(self, name)[rows] for name in self.__slots__))
 
 
-def _matches(pieces: Sequence[TrackHistory], config: TrackerConfig, joining: JoinConfig) -> _Index:
+def _matches(pieces: Sequence[Piece], config: TrackerConfig, joining: JoinConfig) -> _Index:
     """Return (J, 2) which pieces follow which."""
-    if len(pieces) < 2:
+    known = np.flatnonzero([piece.detections >= joining.least_detections for piece in pieces])
+    if len(known) < 2:
         return np.empty((0, 2), dtype=np.int64)
-    ends = _ends([part_of(piece, len(piece) - 1, len(piece)) for piece in pieces], config)
-    starts = _ends([_beginning(piece, config) for piece in pieces], config)
-    pairs = _near_in_time(ends.stamps_ns, starts.stamps_ns, joining.longest_gap_s)
-    costs = _likeness_costs(ends.take(pairs[:, 0]), starts.take(pairs[:, 1]), joining)
-    pairs, costs = pairs[np.isfinite(costs)], costs[np.isfinite(costs)]
-    costs += _meeting_costs(ends.take(pairs[:, 0]), starts.take(pairs[:, 1]), joining)
-    pairs, costs = pairs[costs <= joining.largest_cost], costs[costs <= joining.largest_cost]
-    if not len(pairs):
-        return pairs
+    wanted = [pieces[int(row)] for row in known]
+    turns = np.array([piece.motion == "turn" for piece in wanted])
+    ends = _Ends.of([piece.end for piece in wanted], turns, config)
+    starts = _Ends.of([piece.start for piece in wanted], turns, config)
+    found = [_meeting(ends, starts, pairs, joining) for pairs in _near(ends, starts, joining)]
+    pairs = np.concatenate([pairs for pairs, _ in found])
+    return known[_best(pairs, np.concatenate([costs for _, costs in found]))]
+
+
+def _best(pairs: _Index, costs: _F64) -> _Index:
+    """Return as many of the pairs (P, 2) as can be, at the least costs, each side once.
+
+    Pairs that no chain of others connects are decided on their own, so that the tables of the
+    Hungarian method stay small however long the drive is.
+    """
     before, rows = np.unique(pairs[:, 0], return_inverse=True)
     after, columns = np.unique(pairs[:, 1], return_inverse=True)
-    apart = costs.max() + 1.0  # so that as many as can be are joined
+    nodes = len(before) + len(after)
+    links = coo_array((np.ones(len(rows)), (rows, columns + len(before))), shape=(nodes, nodes))
+    groups = connected_components(links, directed=False)[1][rows]
+    order = np.argsort(groups, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1) if len(order) else []
+    return np.concatenate(
+        [np.empty((0, 2), np.int64), *(_assigned(pairs[part], costs[part]) for part in parts)]
+    )
+
+
+def _assigned(pairs: _Index, costs: _F64) -> _Index:
+    """Return the pairs (J, 2) of the Hungarian method; other pairs than those given are none."""
+    before, rows = np.unique(pairs[:, 0], return_inverse=True)
+    after, columns = np.unique(pairs[:, 1], return_inverse=True)
+    # So dear that as many as can be are joined.
+    apart = costs.max() + 1.0 + len(pairs) * (costs.max() - costs.min())
     table = np.full((len(before), len(after)), apart)
     table[rows, columns] = costs
     rows, columns = linear_sum_assignment(table)
@@ -122,49 +181,36 @@ def _matches(pieces: Sequence[TrackHistory], config: TrackerConfig, joining: Joi
     return np.stack([before[rows[chosen]], after[columns[chosen]]], axis=1)
 
 
-def _beginning(piece: TrackHistory, config: TrackerConfig) -> TrackHistory:
-    """Return the first step of a track with hindsight, as a film that runs backwards shows it.
+def _near(ends: _Ends, starts: _Ends, joining: JoinConfig) -> Iterator[_Index]:
+    """Yield the pairs (P, 2) of which the second begins soon after the first, and within reach.
 
-    Size and class are those that it had a little later, when they had settled.
+    With the means that are known nothing gets farther than its speed takes it. The pairs come in
+    blocks: those near in time alone are many more than those that are left.
     """
-    head = part_of(piece, 0, _HEAD_STEPS)
-    states, covariances = smooth_states(head, config)
-    sign = _BACKWARDS[: states.shape[1]]
-    return replace(
-        part_of(piece, 0, 1),
-        states=states[:1] * sign,
-        covariances=covariances[:1] * np.outer(sign, sign),
-        shapes=head.shapes[-1:],
-        class_probabilities=head.class_probabilities[-1:],
+    stamps_ns = ends.stamps_ns
+    low = np.searchsorted(starts.stamps_ns, stamps_ns + _ONE_MOMENT_NS, side="right")
+    high = np.searchsorted(
+        starts.stamps_ns, stamps_ns + round(joining.longest_gap_s * 1e9), side="right"
     )
+    high = np.maximum(low, high)
+    for block in np.array_split(np.arange(len(stamps_ns)), 1 + len(stamps_ns) // _BLOCK):
+        before = np.repeat(block, high[block] - low[block])
+        after = np.concatenate([np.arange(low[row], high[row]) for row in block])
+        apart = ends.states[before, :2] - starts.states[after, :2]
+        half_s = (starts.stamps_ns[after] - stamps_ns[before]) / 2e9
+        reach = np.maximum(ends.gates_m[before], starts.gates_m[after])
+        reach += half_s * (ends.speeds[before] + starts.speeds[after])
+        near = np.hypot(apart[:, 0], apart[:, 1]) <= reach
+        yield np.stack([before[near], after[near]], axis=1)
 
 
-def _ends(moments: Sequence[TrackHistory], config: TrackerConfig) -> _Ends:
-    """Return N tracks of one step each as one table."""
-    wholes = [whole(moment.states[0], moment.covariances[0]) for moment in moments]
-    beliefs = np.concatenate([moment.class_probabilities for moment in moments])
-    turns = np.array([moment.motion == "turn" for moment in moments])
-    gates_m = np.array([settings.gate_m for settings in config.classes.values()])
-    return _Ends(
-        np.concatenate([moment.stamps_ns for moment in moments]),
-        np.stack([state for state, _ in wholes]),
-        np.stack([covariance for _, covariance in wholes]),
-        walks_of(beliefs, turns, config),
-        gates_m[beliefs.argmax(axis=1)],
-        beliefs,
-        np.concatenate([moment.shapes[:, :3] for moment in moments]),
-    )
-
-
-def _near_in_time(
-    ends_ns: NDArray[np.int64], births_ns: NDArray[np.int64], longest_gap_s: float
-) -> _Index:
-    """Return the pairs (P, 2) of which the second begins soon after the first has ended."""
-    low = np.searchsorted(births_ns, ends_ns, side="right")
-    high = np.searchsorted(births_ns, ends_ns + round(longest_gap_s * 1e9), side="right")
-    before = np.repeat(np.arange(len(ends_ns)), high - low)
-    after = [np.arange(first, last) for first, last in zip(low, high, strict=True)]
-    return np.stack([before, np.concatenate(after)], axis=1)
+def _meeting(ends: _Ends, starts: _Ends, pairs: _Index, joining: JoinConfig) -> tuple[_Index, _F64]:
+    """Return those of the pairs that may be one object, and what it costs to say so."""
+    costs = _likeness_costs(ends.take(pairs[:, 0]), starts.take(pairs[:, 1]), joining)
+    pairs, costs = pairs[np.isfinite(costs)], costs[np.isfinite(costs)]
+    costs += _meeting_costs(ends.take(pairs[:, 0]), starts.take(pairs[:, 1]), joining)
+    cheap = costs <= joining.largest_cost
+    return pairs[cheap], costs[cheap]
 
 
 def _likeness_costs(ends: _Ends, starts: _Ends, joining: JoinConfig) -> _F64:
@@ -194,8 +240,8 @@ def _meeting_costs(ends: _Ends, starts: _Ends, joining: JoinConfig) -> _F64:
     half_s = (starts.stamps_ns - ends.stamps_ns) / 2e9
     states, spreads, _ = predict_turns(ends.states, ends.covariances, half_s, ends.walks)
     others, more, _ = predict_turns(starts.states, starts.covariances, half_s, starts.walks)
-    apart = (states - _BACKWARDS * others)[:, _PLANE]
-    total = spreads + more * np.outer(_BACKWARDS, _BACKWARDS)
+    apart = (states - BACKWARDS * others)[:, _PLANE]
+    total = spreads + more * np.outer(BACKWARDS, BACKWARDS)
     total = total[:, _PLANE][:, :, _PLANE]
     distance = np.einsum("ni,ni->n", apart, np.linalg.solve(total, apart[:, :, None])[:, :, 0])
     costs: _F64 = distance + np.linalg.slogdet(total).logabsdet

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.cameras import Camera
+from percept.core.results import Detections3D
+from percept.core.trajectory import Trajectory
 from percept.core.transform import Transform
 from percept.tracking.filter import wrap_angle
 
-__all__ = ["ImageMeasurement", "Measurement", "ScanMeasurement", "moved_boxes", "order_of"]
+__all__ = ["ImageMeasurement", "Measurement", "ScanMeasurement", "order_of", "placed_boxes"]
 
 _F64 = NDArray[np.float64]
 
@@ -27,6 +29,7 @@ class ScanMeasurement:
         variances_m2: (N, 3) float64 variances of their centres.
         words: (N,) int64 index of the class that each detection was said to be.
         confidences: (N,) float64 as the detector gave them.
+        offsets_s: (N,) float64 when each box was measured, counted from `stamp_ns`.
     """
 
     stamp_ns: int
@@ -35,6 +38,7 @@ class ScanMeasurement:
     variances_m2: _F64
     words: NDArray[np.int64]
     confidences: _F64
+    offsets_s: _F64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,10 +81,20 @@ def order_of(measurement: Measurement) -> tuple[int, int, str, bytes]:
     return measurement.stamp_ns, kind, measurement.sensor, content
 
 
-def moved_boxes(boxes_m: _F64, T_target_source: Transform) -> _F64:
-    """Return boxes (N, 7) in another frame; what it is tilted by is not in the yaw."""
-    moved = np.array(boxes_m, dtype=np.float64)
-    moved[:, :3] = T_target_source.apply(boxes_m[:, :3])
-    rotation = T_target_source.rotation
-    moved[:, 6] = wrap_angle(boxes_m[:, 6] + np.arctan2(rotation[1, 0], rotation[0, 0]))
-    return moved
+def placed_boxes(detections: Detections3D, poses: Trajectory) -> _F64 | None:
+    """Return boxes (N, 7) in the frame that poses are given in, or None without a pose.
+
+    Each is placed by the pose of the moment at which it was measured: a LiDAR that turns sees
+    the objects of a scan one after another, and the vehicle goes on meanwhile. What the frame
+    is tilted by is not in the yaw.
+    """
+    pose = poses.at(detections.stamp_ns)
+    if pose is None:
+        return None
+    matrices, valid = poses.poses_at(detections.stamp_ns + detections.offsets_ns)
+    matrices[~valid] = pose.matrix
+    placed = np.array(detections.boxes_m, dtype=np.float64)
+    placed[:, :3] = np.einsum("nij,nj->ni", matrices[:, :3, :3], detections.boxes_m[:, :3])
+    placed[:, :3] += matrices[:, :3, 3]
+    placed[:, 6] = wrap_angle(placed[:, 6] + np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0]))
+    return placed

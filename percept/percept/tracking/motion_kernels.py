@@ -19,6 +19,7 @@ _Function = TypeVar("_Function", bound=Callable[..., object])
 
 _SIZE = 6
 _SMALL_ANGLE_RAD = 1e-3
+_NO_ANGLE_RAD = 1e-10
 
 
 def _compiled(function: _Function) -> _Function:
@@ -44,8 +45,7 @@ def _fill_jacobian(state: _F, dt_s: float, jacobian: _F) -> None:
     vx, vy = state[3], state[4]
     angle = state[5] * dt_s
     sine, cosine = np.sin(angle), np.cos(angle)
-    along = sine / angle if angle != 0.0 else 1.0  # sin(a)/a
-    half = np.sin(0.5 * angle) / (0.5 * angle) if angle != 0.0 else 1.0
+    along, half = _sinc(angle), _sinc(0.5 * angle)
     across = 0.5 * angle * half**2  # (1 - cos a)/a, without a difference of near numbers
     small = np.abs(angle) < _SMALL_ANGLE_RAD
     along_by_angle = -angle / 3 if small else (cosine - along) / angle
@@ -63,6 +63,12 @@ def _fill_jacobian(state: _F, dt_s: float, jacobian: _F) -> None:
     jacobian[1, 5] = dt_s**2 * (across_by_angle * vx + along_by_angle * vy)
     jacobian[3, 5] = dt_s * (-sine * vx - cosine * vy)
     jacobian[4, 5] = dt_s * (cosine * vx - sine * vy)
+
+
+@_compiled
+def _sinc(angle: float) -> float:
+    """Return sin(a) / a."""
+    return float(np.sin(angle) / angle) if abs(angle) > _NO_ANGLE_RAD else 1.0
 
 
 @_compiled

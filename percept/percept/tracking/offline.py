@@ -9,7 +9,7 @@ beginning; it has one size and one class.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,24 +17,19 @@ from numpy.typing import NDArray
 from percept.core.results import Detections2D, Detections3D, Tracks
 from percept.core.rig import CameraSensor
 from percept.core.trajectory import Trajectory
-from percept.tracking.anchor import anchored
 from percept.tracking.config import TrackerConfig
 from percept.tracking.history import TrackHistory
-from percept.tracking.join import JoinConfig, join_tracks
-from percept.tracking.smooth import part_of, smooth_track
+from percept.tracking.join import Chain, JoinConfig, join_tracks, whole_track
+from percept.tracking.pieces import Piece
+from percept.tracking.smooth import smooth_track
 from percept.tracking.track_rows import TrackRows
 from percept.tracking.tracker import Tracker
 
 __all__ = ["TrackedDrive", "track_drive"]
 
-_MOVING_FRAME = (
-    "Nothing tells where the vehicle was: tracks are in the frame of the detections, and where "
-    "that one moves, velocities are relative to it."
-)
-
 
 class TrackedDrive:
-    """The tracks of a drive, with hindsight and without.
+    """The tracks of a drive, with hindsight.
 
     Attributes:
         frame_id: Frame of the tracks, one that does not move.
@@ -47,7 +42,6 @@ class TrackedDrive:
     def __init__(
         self,
         rows: TrackRows,
-        filtered: list[Tracks],
         *,
         frame_id: str,
         dropped: Counter[str],
@@ -60,7 +54,6 @@ class TrackedDrive:
         self.joined = joined
         self.notes = notes
         self._rows = rows
-        self._filtered = filtered
 
     def at(self, stamp_ns: int) -> Tracks:
         """Return the tracks at any time, with hindsight.
@@ -72,15 +65,8 @@ class TrackedDrive:
 
     def frames(self) -> Iterator[Tracks]:
         """Yield the tracks with hindsight at the time of each scan, in order, also if none."""
-        for tracks in self._filtered:
-            yield self.at(tracks.stamp_ns)
-
-    def filtered_frames(self) -> Iterator[Tracks]:
-        """Yield what was known right after each scan, in order: the answer of the vehicle.
-
-        Tracks on trial are among them, and those that are expected and not seen.
-        """
-        yield from self._filtered
+        for stamp_ns in self._rows.scans_ns:
+            yield self.at(int(stamp_ns))
 
 
 def track_drive(
@@ -94,68 +80,64 @@ def track_drive(
     """Track the objects of a drive with hindsight.
 
     Args:
-        detections: All detections, in any order. Scans without detections belong to them.
+        detections: All detections, in any order within the rollback window of the settings: what
+            comes later is left out and counted. Each is used once and not kept. Scans without
+            detections belong to them.
         config: Settings of the tracker.
         poses: As for `Tracker`.
         cameras: As for `Tracker`.
         joining: When two tracks are pieces of one object.
     """
     tracker = Tracker(config, poses=poses, cameras=cameras or {})
-    ordered = sorted(detections, key=lambda one: (one.stamp_ns, isinstance(one, Detections2D)))
-    filtered = list(_run(tracker, ordered))
-    frame_id, dropped, histories = tracker.frame_id, tracker.dropped, tracker.histories()
-    del tracker  # it holds all states of the drive a second time
-    scans_ns = np.array([tracks.stamp_ns for tracks in filtered], dtype=np.int64)
-    seen = [_seen_part(history) for history in histories if history.full.any()]
-    if len(seen) < len(histories):
-        dropped["tracks that never became full"] += len(histories) - len(seen)
-    del histories
-    whole, joined = join_tracks(seen, scans_ns, config, joining)
-    rows = TrackRows(_smoothed(whole, scans_ns, config, poses), scans_ns, config)
+    pieces, scans_ns = _tracked(tracker, detections)
+    chains = join_tracks(pieces, tracker.config, joining)
+    joined = len(pieces) - len(chains)
+    del pieces
+    tracks = _smoothed(chains, scans_ns, tracker.config, poses)
     return TrackedDrive(
-        rows,
-        filtered,
-        frame_id=frame_id,
-        dropped=dropped,
+        TrackRows(tracks, scans_ns, tracker.config),
+        frame_id=tracker.frame_id,
+        dropped=tracker.dropped,
         joined=joined,
-        notes=() if poses is not None else (_MOVING_FRAME,),
+        notes=tracker.notes,
     )
 
 
-def _run(tracker: Tracker, ordered: Sequence[Detections3D | Detections2D]) -> Iterator[Tracks]:
-    """Push detections in order of time, and yield the tracks after all of each scan's time."""
-    scan_ns: int | None = None
-    for one in ordered:
-        if scan_ns is not None and one.stamp_ns > scan_ns:
-            yield tracker.tracks(scan_ns)
-            scan_ns = None
+def _tracked(
+    tracker: Tracker, detections: Iterable[Detections3D | Detections2D]
+) -> tuple[list[Piece], NDArray[np.int64]]:
+    """Return all tracks that became full, and the times (S,) of the scans, rising."""
+    scans_ns: set[int] = set()
+    for one in detections:
         tracker.push(one)
         if isinstance(one, Detections3D):
-            scan_ns = one.stamp_ns
-    if scan_ns is not None:
-        yield tracker.tracks(scan_ns)
+            scans_ns.add(one.stamp_ns)
+    pieces = list(_pieces(tracker, tracker.each_history()))
+    return pieces, np.array(sorted(scans_ns), dtype=np.int64)
 
 
-def _seen_part(history: TrackHistory) -> TrackHistory:
-    """Return a track from its first detection to its last; what follows was never seen."""
-    rows = np.flatnonzero(history.observed)
-    return part_of(history, int(rows[0]), int(rows[-1]) + 1)
+def _pieces(tracker: Tracker, histories: Iterable[TrackHistory]) -> Iterator[Piece]:
+    """Yield the tracks that became full; others are counted."""
+    for history in histories:
+        if history.full.any():
+            yield Piece(history, tracker.config)
+        else:
+            tracker.dropped["tracks that never became full"] += 1
 
 
 def _smoothed(
-    tracks: Iterable[TrackHistory],
+    chains: list[Chain],
     scans_ns: NDArray[np.int64],
     config: TrackerConfig,
     poses: Trajectory | None,
 ) -> Iterator[TrackHistory]:
-    """Yield each track with hindsight of its size, then of everything."""
+    """Yield each track with hindsight; its pieces are not needed any more."""
     origins = _origins(poses, scans_ns)
-    still = poses is not None
-    for track in tracks:
+    chains.reverse()
+    while chains:
+        track = whole_track(chains.pop(), scans_ns, config)
         there = origins[np.searchsorted(scans_ns, track.stamps_ns)]
-        yield smooth_track(
-            anchored(track, there, config, still_frame=still), config, still_frame=still
-        )
+        yield smooth_track(track, config, origins_m=there, still_frame=poses is not None)
 
 
 def _origins(poses: Trajectory | None, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:

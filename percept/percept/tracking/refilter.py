@@ -1,17 +1,18 @@
-"""A track that goes on after a gap: the filter runs again over the later piece."""
+"""A track whose filter runs again: on after a gap, or with other measurements."""
 
 from __future__ import annotations
+
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.tracking.class_model import ClassModel
 from percept.tracking.config import TrackerConfig
-from percept.tracking.filter import update_positions
 from percept.tracking.history import TrackHistory
-from percept.tracking.motion import STATE_SIZE, predict_turns
+from percept.tracking.motion import STATE_SIZE
 
-__all__ = ["continued", "walks_of", "whole"]
+__all__ = ["continued", "filtered_again", "part_of", "shifted", "walks_of", "whole"]
 
 _F64 = NDArray[np.float64]
 
@@ -40,7 +41,7 @@ def continued(
     beliefs = _beliefs(track, later, stamps, config)
     counts = track.observed.sum(), np.cumsum(later.observed)
     scores = (counts[0] * track.scores[-1] + counts[1] * later.scores) / (counts[0] + counts[1])
-    states, covariances = _filtered(track, stamps, (measured[:, :3], variances), beliefs, config)
+    states, covariances = _filtered_on(track, stamps, (measured[:, :3], variances), beliefs, config)
     return TrackHistory(
         track_id=track.track_id,
         motion=track.motion,
@@ -57,10 +58,19 @@ def continued(
     )
 
 
+def part_of(history: TrackHistory, start: int, stop: int) -> TrackHistory:
+    """Return the steps of a track from `start` up to, not including, `stop`."""
+    columns = {field.name: getattr(history, field.name) for field in fields(history)}
+    steps = {n: column[start:stop] for n, column in columns.items() if np.ndim(column)}
+    return replace(history, **steps)
+
+
 def whole(state: _F64, covariance: _F64) -> tuple[_F64, _F64]:
     """Return a state (D,) and covariance (D, D) with the turn rate, 0 where it has none."""
-    missing = STATE_SIZE - len(state)
-    return np.pad(state, (0, missing)), np.pad(covariance, (0, missing))
+    size = len(state)
+    full_state, full_covariance = np.zeros(STATE_SIZE), np.zeros((STATE_SIZE, STATE_SIZE))
+    full_state[:size], full_covariance[:size, :size] = state, covariance
+    return full_state, full_covariance
 
 
 def walks_of(beliefs: _F64, turns: NDArray[np.bool_], config: TrackerConfig) -> _F64:
@@ -94,29 +104,71 @@ def _beliefs(
     return beliefs
 
 
-def _filtered(
+def filtered_again(track: TrackHistory, config: TrackerConfig) -> TrackHistory:
+    """Return a track whose filter has run again over its measurements, from its first state on.
+
+    Args:
+        track: The track; of its states and covariances only the first one counts.
+        config: The settings that the tracker ran with.
+    """
+    first = part_of(track, 0, 1)
+    states, covariances = _filtered_on(
+        first,
+        track.stamps_ns[1:],
+        (track.measured[1:, :3], track.variances_m2[1:]),
+        track.class_probabilities[1:],
+        config,
+    )
+    return replace(
+        track,
+        states=np.concatenate([first.states, states]),
+        covariances=np.concatenate([first.covariances, covariances]),
+    )
+
+
+def shifted(history: TrackHistory, shifts: _F64, config: TrackerConfig) -> TrackHistory:
+    """Return a track as the filter would know it, had it measured other centres.
+
+    Args:
+        history: A track that begins with a detection, as the tracker knew it.
+        shifts: (K, 3) what is added to the measured centres.
+        config: The settings that it ran with.
+    """
+    measured, states = history.measured.copy(), history.states.copy()
+    measured[:, :3] += shifts
+    states[0, :3] += shifts[0]
+    return filtered_again(replace(history, states=states, measured=measured), config)
+
+
+def _filtered_on(
     track: TrackHistory,
     stamps_ns: NDArray[np.int64],
     measurements: tuple[_F64, _F64],
     beliefs: _F64,
     config: TrackerConfig,
 ) -> tuple[_F64, _F64]:
-    """Run the filter on from the end of a track: states (K, D) and covariances (K, D, D).
+    """Run the filter on from the end of a track.
 
-    A step without a measurement, centre and variances (K, 3), has NaN there.
+    Args:
+        track: The track; only its last step counts.
+        stamps_ns: (K,) times of the steps that follow.
+        measurements: Their measured centres and the variances of these, (K, 3) each; NaN where
+            there was no detection.
+        beliefs: (K, C) class probabilities after each step.
+        config: The settings that the tracker ran with.
+
+    Returns:
+        States (K, D) and covariances (K, D, D).
     """
-    centres, variances = measurements
+    from percept.tracking.smooth_kernels import filter_steps
+
     size = track.states.shape[1]
-    state, covariance = (part[None] for part in whole(track.states[-1], track.covariances[-1]))
-    states = np.empty((len(stamps_ns), STATE_SIZE))
-    covariances = np.empty((len(stamps_ns), STATE_SIZE, STATE_SIZE))
+    state, covariance = whole(track.states[-1], track.covariances[-1])
     before = np.concatenate([track.class_probabilities[-1:], beliefs[:-1]])
     walks = walks_of(before, np.full(len(before), size == STATE_SIZE), config)
     dt_s = np.diff(stamps_ns, prepend=track.stamps_ns[-1]) / 1e9
-    for step in range(len(stamps_ns)):
-        row = slice(step, step + 1)
-        state, covariance, _ = predict_turns(state, covariance, dt_s[row], walks[row])
-        if np.isfinite(centres[step, 0]):
-            state, covariance = update_positions(state, covariance, centres[row], variances[row])
-        states[step], covariances[step] = state[0], covariance[0]
+    centres, variances = (np.ascontiguousarray(part, np.float64) for part in measurements)
+    states, covariances = filter_steps(
+        state[None], covariance[None], dt_s, walks[: len(dt_s)], centres, variances
+    )
     return states[:, :size], covariances[:, :size, :size]

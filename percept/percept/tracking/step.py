@@ -24,7 +24,16 @@ from percept.tracking.image_match import match_in_image
 from percept.tracking.life_cycle import alive, confirmed, without_duplicates
 from percept.tracking.measurement import ImageMeasurement, Measurement, ScanMeasurement
 from percept.tracking.motion import predict_turns
-from percept.tracking.track_table import TrackerState, TrackTable, boxes_of, empty_table, joined
+from percept.tracking.track_table import (
+    TrackerState,
+    TrackTable,
+    boxes_of,
+    copied,
+    empty_table,
+    joined,
+    put,
+    taken,
+)
 
 __all__ = ["Stepper"]
 
@@ -56,7 +65,7 @@ class Stepper:
 
     def predicted(self, state: TrackerState, stamp_ns: int) -> TrackTable:
         """Return the tracks of a state at a time that is not earlier."""
-        tracks = state.tracks.copy()
+        tracks = copied(state.tracks)
         dt_s = (stamp_ns - state.stamp_ns) * 1e-9
         if len(tracks) and dt_s > 0:
             walks = self.columns.walks[tracks["kind"]]
@@ -91,8 +100,8 @@ class Stepper:
         spare = scan.confidences >= self.columns.birth_scores[scan.words]
         spare[columns] = False
         born = self._born(scan, np.flatnonzero(spare), state.next_id, tracks)
-        tracks = joined(tracks[self.living(tracks, scan.stamp_ns)], born)
-        tracks = tracks[without_duplicates(tracks, self._config.duplicate_overlap)]
+        tracks = joined(taken(tracks, self.living(tracks, scan.stamp_ns)), born)
+        tracks = taken(tracks, without_duplicates(tracks, self._config.duplicate_overlap))
         return TrackerState(scan.stamp_ns, tracks, state.next_id + len(born), scan=True)
 
     def _associate(self, tracks: TrackTable, scan: ScanMeasurement) -> tuple[_Index, _Index]:
@@ -133,8 +142,10 @@ class Stepper:
         self, tracks: TrackTable, rows: _Index, scan: ScanMeasurement, columns: _Index
     ) -> None:
         """Put matched detections into their tracks, in place."""
-        found = tracks[rows]
+        found = taken(tracks, rows)
         boxes, scores = scan.boxes_m[columns], scan.confidences[columns]
+        # Where it is at the time of the scan, if it was measured a little earlier or later.
+        boxes[:, :2] -= found["state"][:, 3:5] * scan.offsets_s[columns, None]
         aligned, agreed = aligned_shapes(found["shape"], boxes[:, 3:])
         found["measured"] = boxes
         found["variances"] = widened(scan.variances_m2[columns], found["shape"], aligned)
@@ -147,7 +158,7 @@ class Stepper:
         self._believe(found, scan.words[columns], scores)
         self._reshape(found, aligned, agreed)
         found["full"] = confirmed(found, self.columns.t_birth_ns[found["kind"]])
-        tracks[rows] = found
+        put(tracks, rows, found)
 
     def _reshape(self, found: TrackTable, aligned: _F64, agreed: NDArray[np.bool_]) -> None:
         """Let aligned sizes and yaws (N, 4) into the tracks, in place."""
@@ -203,9 +214,9 @@ class Stepper:
             self._config.image,
         )  # fmt: skip
         columns = np.flatnonzero(matched >= 0)
-        found = tracks[matched[columns]]
+        found = taken(tracks, matched[columns])
         self._believe(found, image.words[columns], image.confidences[columns])
-        tracks[matched[columns]] = found
+        put(tracks, matched[columns], found)
 
 
 def _planar(variances_m2: _F64) -> _F64:

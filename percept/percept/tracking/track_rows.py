@@ -22,22 +22,18 @@ _Index = NDArray[np.int64]
 _UNKNOWN = "unknown"
 _LEAST_SHARE = 0.3
 
-# Columns of a row: box (7), velocity (2), probability of the label, deviations of both.
-_BOX, _YAW, _VELOCITY, _PROBABILITY, _POSITION_SD, _VELOCITY_SD = (
-    slice(7),
-    6,
-    slice(7, 9),
-    9,
-    10,
-    11,
-)
+# Columns of a row: x, y, z, yaw, velocity. What a track has once is not in its rows.
+_PLACE, _YAW, _VELOCITY = slice(0, 3), 3, slice(4, 6)
+_COLUMNS = 6
+_PLANES = (slice(0, 2), slice(3, 5))  # of a state: position, velocity
 
 
 class TrackRows:
     """Tracks that are alive between their first and their last step, and interpolated between.
 
     Each has one label, the class that its steps with a detection together hold for the most
-    probable one; `unknown` only if none of the others has a share of it to speak of.
+    probable one, with the mean probability that they give it; `unknown` only if none of the
+    others has a share of it to speak of.
 
     Args:
         tracks: The tracks, each used once and not kept.
@@ -46,58 +42,64 @@ class TrackRows:
 
     Attributes:
         classes: Names of the classes.
+        scans_ns: (S,) times of the scans.
     """
 
     def __init__(
         self, tracks: Iterable[TrackHistory], scans_ns: NDArray[np.int64], config: TrackerConfig
     ) -> None:
         self.classes = tuple(config.classes)
-        self._scans_ns = scans_ns
-        pieces = [_TrackRows.of(track, scans_ns, self.classes) for track in tracks]
-        self._ids = np.array([piece.track_id for piece in pieces], dtype=np.int64)
-        self._labels = np.array([piece.kind for piece in pieces], dtype=np.int64)
-        self._scores = np.array([piece.score for piece in pieces], dtype=np.float64)
-        self._stamps_ns = np.concatenate([*(p.stamps_ns for p in pieces), np.zeros(0, np.int64)])
-        self._values = np.concatenate([*(p.values for p in pieces), np.zeros((0, 12))])
-        self._observed = np.concatenate([*(p.observed for p in pieces), np.zeros(0, bool)])
-        lengths = np.array([len(piece.stamps_ns) for piece in pieces], dtype=np.int64)
+        self.scans_ns = scans_ns
+        parts = [_TrackRows.of(track, scans_ns, self.classes) for track in tracks]
+        self._ids = np.array([part.track_id for part in parts], dtype=np.int64)
+        self._labels = np.array([part.kind for part in parts], dtype=np.int64)
+        self._probabilities = np.array([part.probability for part in parts], dtype=np.float64)
+        self._scores = np.array([part.score for part in parts], dtype=np.float64)
+        self._sizes_m = np.array([part.size_m for part in parts]).reshape(-1, 3)
+        lengths = np.array([len(part.scans) for part in parts], dtype=np.int64)
         self._last_rows = np.cumsum(lengths) - 1
         self._first_rows = self._last_rows - lengths + 1
+        scans = np.concatenate([*(part.scans for part in parts), np.zeros(0, np.int64)])
         # One rising key for all rows: the track, then the scan.
-        track_of_row = np.repeat(np.arange(len(pieces)), lengths)
-        self._keys = track_of_row * len(scans_ns) + np.searchsorted(scans_ns, self._stamps_ns)
+        self._keys = np.repeat(np.arange(len(parts)) * len(scans_ns), lengths) + scans
+        self._firsts_ns = scans_ns[scans[self._first_rows]]
+        self._lasts_ns = scans_ns[scans[self._last_rows]]
+        self._values = np.concatenate([*(p.values for p in parts), np.zeros((0, _COLUMNS))])
+        self._spreads = np.concatenate([*(p.spreads for p in parts), np.zeros((0, 2), np.float32)])
+        self._observed = np.concatenate([*(p.observed for p in parts), np.zeros(0, bool)])
 
     def at(self, stamp_ns: int, frame_id: str) -> Tracks:
         """Return the tracks at any time; positions on cubic curves that keep the velocities."""
-        alive = (self._stamps_ns[self._first_rows] <= stamp_ns) & (
-            stamp_ns <= self._stamps_ns[self._last_rows]
-        )
-        tracks = np.flatnonzero(alive)
-        scan = int(np.searchsorted(self._scans_ns, stamp_ns, side="right")) - 1
-        keys = tracks * len(self._scans_ns) + scan
+        tracks = np.flatnonzero((self._firsts_ns <= stamp_ns) & (stamp_ns <= self._lasts_ns))
+        scan = int(np.searchsorted(self.scans_ns, stamp_ns, side="right")) - 1
+        keys = tracks * len(self.scans_ns) + scan
         rows = np.searchsorted(self._keys, keys, side="right") - 1
-        values = self._between(rows, stamp_ns)
+        exact = self._stamps_ns(rows) == stamp_ns
+        values, spreads = self._between(rows, np.where(exact, rows, rows + 1), stamp_ns)
         return Tracks(
             stamp_ns=stamp_ns,
             frame_id=frame_id,
             ids=self._ids[tracks],
-            boxes_m=values[:, _BOX],
+            boxes_m=np.column_stack([values[:, _PLACE], self._sizes_m[tracks], values[:, _YAW]]),
             velocities_mps=values[:, _VELOCITY],
             labels=tuple(self.classes[kind] for kind in self._labels[tracks]),
-            label_probabilities=values[:, _PROBABILITY],
+            label_probabilities=self._probabilities[tracks],
             states=("full",) * len(tracks),
-            position_sd_m=values[:, _POSITION_SD],
-            velocity_sd_mps=values[:, _VELOCITY_SD],
-            observed=self._observed[rows] & (self._stamps_ns[rows] == stamp_ns),
+            position_sd_m=spreads[:, 0],
+            velocity_sd_mps=spreads[:, 1],
+            observed=self._observed[rows] & exact,
             scores=self._scores[tracks],
         )
 
-    def _between(self, rows: _Index, stamp_ns: int) -> _F64:
-        """Return the values (N, 12) at a time not before the rows and before the next ones."""
-        after = np.where(self._stamps_ns[rows] == stamp_ns, rows, rows + 1)
+    def _stamps_ns(self, rows: _Index) -> _Index:
+        stamps_ns: _Index = self.scans_ns[self._keys[rows] % max(len(self.scans_ns), 1)]
+        return stamps_ns
+
+    def _between(self, rows: _Index, after: _Index, stamp_ns: int) -> tuple[_F64, _F64]:
+        """Return the values (N, 6) and spreads (N, 2) at a time between rows and later ones."""
         start, end = self._values[rows], self._values[after]
-        span_s = (self._stamps_ns[after] - self._stamps_ns[rows]) / 1e9
-        elapsed_s = (stamp_ns - self._stamps_ns[rows]) / 1e9
+        span_s = (self._stamps_ns(after) - self._stamps_ns(rows)) / 1e9
+        elapsed_s = (stamp_ns - self._stamps_ns(rows)) / 1e9
         share = (elapsed_s / np.where(span_s > 0, span_s, 1.0))[:, None]
         values: _F64 = start + share * (end - start)
         turned = wrap_angle(end[:, _YAW] - start[:, _YAW])
@@ -107,56 +109,63 @@ class TrackRows:
         leave = span_s[:, None] * start[:, _VELOCITY] - mean_step
         arrive = span_s[:, None] * end[:, _VELOCITY] - mean_step
         values[:, :2] += share * (1 - share) * ((1 - share) * leave - share * arrive)
-        return values
+        spreads = (1 - share) * self._spreads[rows] + share * self._spreads[after]
+        return values, spreads.astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TrackRows:
-    """The rows of one track: one for each scan, the last step at its time."""
+    """The rows of one track: one for each scan, the last step at its time.
+
+    `spreads` (K, 2) are the standard deviations of position and velocity.
+    """
 
     track_id: int
     kind: int
+    probability: float
     score: float
-    stamps_ns: _Index
+    size_m: _F64
+    scans: _Index
     values: _F64
+    spreads: NDArray[np.float32]
     observed: NDArray[np.bool_]
 
     @classmethod
     def of(cls, track: TrackHistory, scans_ns: NDArray[np.int64], classes: tuple[str, ...]) -> Self:
-        kind = _label(track, classes)
+        kind, probability = _label(track, classes)
         found = np.minimum(np.searchsorted(scans_ns, track.stamps_ns), len(scans_ns) - 1)
         steps = np.flatnonzero(scans_ns[found] == track.stamps_ns)
-        stamps_ns, firsts = np.unique(track.stamps_ns[steps], return_index=True)
-        observed = np.logical_or.reduceat(track.observed[steps], firsts)
+        firsts = np.flatnonzero(np.diff(found[steps], prepend=-1))
         last = steps[np.append(firsts[1:], len(steps)) - 1]
-        score = float(track.scores[-1])
-        return cls(track.track_id, kind, score, stamps_ns, _values(track, kind)[last], observed)
+        states, covariances = track.states[last], track.covariances[last]
+        return cls(
+            track.track_id,
+            kind,
+            probability,
+            float(track.scores[-1]),
+            track.shapes[-1, :3].copy(),
+            found[last],
+            np.column_stack([states[:, :3], track.shapes[last, 3], states[:, 3:5]]),
+            np.sqrt(np.column_stack([_larger(covariances[:, at, at]) for at in _PLANES])).astype(
+                np.float32
+            ),
+            np.logical_or.reduceat(track.observed[steps], firsts),
+        )
 
 
-def _label(track: TrackHistory, classes: tuple[str, ...]) -> int:
+def _label(track: TrackHistory, classes: tuple[str, ...]) -> tuple[int, float]:
+    """Return the class of a track and how probable its detections make it."""
     shares = track.class_probabilities[track.observed].mean(axis=0)
     known = np.array([name != _UNKNOWN for name in classes])
+    best = shares
     if (shares[known] >= _LEAST_SHARE).any():
-        shares[~known] = 0.0
-    return int(shares.argmax())
+        best = np.where(known, shares, 0.0)
+    kind = int(best.argmax())
+    return kind, float(shares[kind])
 
 
-def _values(track: TrackHistory, kind: int) -> _F64:
-    planar, velocity = slice(0, 2), slice(3, 5)
-    return np.column_stack(
-        [
-            track.states[:, :3],
-            track.shapes,
-            track.states[:, velocity],
-            track.class_probabilities[:, kind],
-            _larger_sd(track.covariances[:, planar, planar]),
-            _larger_sd(track.covariances[:, velocity, velocity]),
-        ]
-    )
-
-
-def _larger_sd(covariances: _F64) -> _F64:
-    """Return the larger standard deviation (N,) of covariances (N, 2, 2), in any direction."""
-    largest = np.linalg.eigvalsh(covariances)[:, -1]
-    deviations: _F64 = np.sqrt(np.maximum(largest, 0.0))
-    return deviations
+def _larger(covariances: _F64) -> _F64:
+    """Return the larger variance (N,) of covariances (N, 2, 2), in any direction."""
+    a, b, c = covariances[:, 0, 0], covariances[:, 0, 1], covariances[:, 1, 1]
+    larger: _F64 = (a + c) / 2 + np.hypot((a - c) / 2, b)
+    return np.maximum(larger, 0.0)

@@ -14,7 +14,16 @@ from numpy.typing import NDArray
 
 from percept.tracking.motion import STATE_SIZE
 
-__all__ = ["TrackTable", "TrackerState", "boxes_of", "empty_table", "joined"]
+__all__ = [
+    "TrackTable",
+    "TrackerState",
+    "boxes_of",
+    "copied",
+    "empty_table",
+    "joined",
+    "put",
+    "taken",
+]
 
 TrackTable = NDArray[np.void]
 
@@ -82,9 +91,30 @@ def boxes_of(tracks: TrackTable) -> NDArray[np.float64]:
 
 
 def joined(tracks: TrackTable, others: TrackTable) -> TrackTable:
-    """Return the rows of both tables; `numpy.concatenate` would compare all fields each time."""
+    """Return the rows of both tables."""
     if not len(others):
         return tracks
-    both = np.empty(len(tracks) + len(others), tracks.dtype)
-    both[: len(tracks)], both[len(tracks) :] = tracks, others
-    return both
+    both: TrackTable = np.concatenate([_whole_rows(tracks), _whole_rows(others)])
+    return both.view(tracks.dtype)
+
+
+def copied(tracks: TrackTable) -> TrackTable:
+    """Return a copy of a table that may be written to."""
+    copy: TrackTable = _whole_rows(tracks).copy()
+    return copy.view(tracks.dtype)
+
+
+def taken(tracks: TrackTable, rows: NDArray[np.intp] | NDArray[np.bool_]) -> TrackTable:
+    """Return a copy of some rows of a table."""
+    some: TrackTable = _whole_rows(tracks)[rows]
+    return some.view(tracks.dtype)
+
+
+def put(tracks: TrackTable, rows: NDArray[np.intp], others: TrackTable) -> None:
+    """Replace some rows of a table, in place."""
+    _whole_rows(tracks)[rows] = _whole_rows(others)
+
+
+def _whole_rows(tracks: TrackTable) -> TrackTable:
+    """Return a view in which a row is one piece; NumPy copies a table field by field."""
+    return tracks.view((np.void, tracks.dtype.itemsize))

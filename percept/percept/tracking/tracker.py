@@ -9,7 +9,7 @@ that time has passed, so sensors that look elsewhere, or have other rates, do no
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,14 @@ from percept.core.rig import CameraSensor
 from percept.core.trajectory import Trajectory
 from percept.core.transform import Transform
 from percept.tracking.config import TrackerConfig
+from percept.tracking.histories import histories_of
 from percept.tracking.history import TrackHistory
 from percept.tracking.measurement import (
     ImageMeasurement,
     Measurement,
     ScanMeasurement,
-    moved_boxes,
+    placed_boxes,
 )
-from percept.tracking.motion import STATE_SIZE
 from percept.tracking.rollback import Timeline
 from percept.tracking.step import Stepper
 from percept.tracking.track_table import TrackTable, boxes_of, empty_table
@@ -113,14 +113,14 @@ class Tracker:
         The last steps of those that ended are predictions without a detection. What images said
         about the class shows at the next scan.
         """
-        states = [s for s in self._timeline.states() if s.scan and len(s.tracks)]
-        if not states:
-            return []
-        table = np.concatenate([state.tracks for state in states])
-        stamps = np.repeat([s.stamp_ns for s in states], [len(s.tracks) for s in states])
-        order = np.argsort(table["id"], kind="stable")
-        starts = np.flatnonzero(np.diff(table["id"][order])) + 1
-        return [_history(table[rows], stamps[rows]) for rows in np.split(order, starts)]
+        return sorted(self.each_history(), key=lambda history: history.track_id)
+
+    def each_history(self) -> Iterator[TrackHistory]:
+        """Yield the same one by one, in the order in which they ended: a drive's take much memory.
+
+        The tracks of the whole drive are made again, which takes as long as it did before.
+        """
+        return histories_of(self._timeline.states())
 
     def _scan(self, detections: Detections3D) -> ScanMeasurement | None:
         pose = self._pose(detections.stamp_ns)
@@ -131,10 +131,11 @@ class Tracker:
             if self._poses is None or detections.frame_id != self._poses.source:
                 self.dropped[f"scans in '{detections.frame_id}', a frame without poses"] += 1
                 return None
-            if pose is None:
+            placed = placed_boxes(detections, self._poses)
+            if placed is None:
                 self.dropped["scans at times without a pose"] += 1
                 return None
-            boxes = moved_boxes(boxes, pose)
+            boxes = placed
         words = self._stepper.classes.words(detections.labels)
         used = self._used(words, detections.labels, detections.confidences)
         used &= self._finite(boxes, detections.confidences)
@@ -143,7 +144,7 @@ class Tracker:
         variances = self._stepper.columns.centre_variances(words, np.hypot(away[:, 0], away[:, 1]))
         return ScanMeasurement(
             detections.stamp_ns, detections.sensor, boxes, variances, words,
-            detections.confidences[used].astype(np.float64),
+            detections.confidences[used].astype(np.float64), detections.offsets_ns[used] * 1e-9,
         )  # fmt: skip
 
     def _pose(self, stamp_ns: int) -> Transform | None:
@@ -186,43 +187,26 @@ class Tracker:
         return finite
 
     def _as_tracks(self, tracks: TrackTable, stamp_ns: int) -> Tracks:
+        position_sd_m, velocity_sd_mps = _larger_sd(tracks["covariance"])
         return Tracks(
             stamp_ns=stamp_ns,
             frame_id=self.frame_id,
             ids=tracks["id"].copy(),
             boxes_m=boxes_of(tracks),
             velocities_mps=tracks["state"][:, 3:5].copy(),
-            labels=tuple(self.classes[kind] for kind in tracks["kind"]),
+            labels=tuple([self.classes[kind] for kind in tracks["kind"].tolist()]),
             label_probabilities=tracks["belief"].max(axis=1, initial=0.0),
-            states=tuple("full" if full else "trial" for full in tracks["full"]),
-            position_sd_m=_larger_sd(tracks["covariance"][:, :2, :2]),
-            velocity_sd_mps=_larger_sd(tracks["covariance"][:, 3:5, 3:5]),
+            states=tuple(["full" if full else "trial" for full in tracks["full"].tolist()]),
+            position_sd_m=position_sd_m,
+            velocity_sd_mps=velocity_sd_mps,
             observed=tracks["seen_ns"] == stamp_ns,
             scores=tracks["score"].copy(),
         )
 
 
 def _larger_sd(covariances: _F64) -> _F64:
-    """Return the larger standard deviation (N,) of covariances (N, 2, 2), in any direction."""
-    a, b, c = covariances[:, 0, 0], covariances[:, 0, 1], covariances[:, 1, 1]
+    """Return the larger standard deviation (2, N), in any direction, of position and velocity."""
+    x, y = (0, 3), (1, 4)
+    a, b, c = covariances[:, x, x].T, covariances[:, x, y].T, covariances[:, y, y].T
     larger: _F64 = np.sqrt((a + c) / 2 + np.hypot((a - c) / 2, b))
     return larger
-
-
-def _history(rows: TrackTable, stamps_ns: NDArray[np.int64]) -> TrackHistory:
-    turns = bool(rows["turns"][0])
-    size = STATE_SIZE if turns else STATE_SIZE - 1
-    return TrackHistory(
-        track_id=int(rows["id"][0]),
-        motion="turn" if turns else "velocity",
-        stamps_ns=stamps_ns,
-        states=rows["state"][:, :size].copy(),
-        covariances=rows["covariance"][:, :size, :size].copy(),
-        observed=rows["observed"].copy(),
-        shapes=rows["shape"].copy(),
-        class_probabilities=rows["belief"].copy(),
-        full=rows["full"].copy(),
-        scores=rows["score"].copy(),
-        measured=np.where(rows["observed"][:, None], rows["measured"], np.nan),
-        variances_m2=np.where(rows["observed"][:, None], rows["variances"], np.nan),
-    )

@@ -58,7 +58,7 @@ def conclude(
     verdict, why, advice = judge(
         None if plan.lidars is None else _scan_facts(plan.lidars, plan, scans, losses),
         None if plan.cameras is None else _camera_facts(plan, images, losses),
-        None if over_time is None else over_time.facts(scans.frames),
+        None if over_time is None else over_time.facts(scans.frames, images.images),
     )
     notes = [*plan.all_notes, *facts.notes]
     left_out = {**losses, **facts.dropped}
@@ -159,6 +159,8 @@ def _resolved(plan: RunPlan, over_time: OverTime | None) -> dict[str, Any]:
     config["sensors"] = plan.lidars.describe() if plan.lidars is not None else []
     if over_time is not None and over_time.poses is not None:
         config["poses"] = describe_poses(over_time.poses)
+    if plan.map_file is not None:
+        config["map"] = str(plan.map_file)
     if plan.cameras is not None:
         config["cameras"] = plan.cameras.describe()
         config["models"] = {model.name: model.describe() for model in plan.cameras.models}

@@ -6,14 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import typer
+
 from percept.cli.detect.plan import RunPlan
 from percept.cli.detect.poses import find_poses
 from percept.cli.detect.used_rig import used_rig
+from percept.cli.interrupts import prompt_interrupt
 from percept.cli.odometry.found import FoundPoses
 from percept.cli.odometry.request import Source
 from percept.cli.track.follow import Followed, follow
 from percept.cli.track.verdict import TrackFacts
 from percept.core.health import StreamHealth
+from percept.core.results import Verdict
 from percept.core.trajectory import Trajectory
 from percept.datasets.recording import Recording
 from percept.export.health import run_health
@@ -43,21 +47,23 @@ class OverTime:
         """The poses that tracks and lights rest on."""
         return None if self.poses is None else self.poses.trajectory
 
-    def facts(self, scans: int) -> TrackFacts:
+    def facts(self, scans: int, images: int) -> TrackFacts:
         """Return what the verdict on tracks rests on.
 
         Args:
             scans: Scans of the run.
+            images: Images of the run.
         """
-        poses = self.poses
-        if poses is None:
-            return TrackFacts(scans=scans)
+        poses, followed = self.poses, self.followed
         return TrackFacts(
             scans=scans,
-            poseless=self.followed.poseless,
-            source=poses.source,
-            poses_verdict=poses.verdict,
-            poses_why=poses.why,
+            tracks=sum(followed.labels.values()),
+            images=images,
+            why_no_map=followed.why_no_map,
+            poseless=followed.poseless,
+            source=poses.source if poses is not None else "",
+            poses_verdict=poses.verdict if poses is not None else Verdict.GOOD,
+            poses_why=poses.why if poses is not None else (),
         )
 
 
@@ -84,21 +90,22 @@ def look_over_time(
     poses, notes = find_poses(recording, plan, wanted, check_interrupt)
     if poses is not None:
         poses = replace(poses, trajectory=_as_written(folder, poses.trajectory))
-    if poses is None and plan.lidars is not None:
-        notes.append(
-            "Where the vehicle was is not known: tracks are in the moving frame of the sensors, "
-            "and velocities are those against the vehicle."
+        notes += [f"Poses from {poses.source}: {note.rstrip('.')}." for note in poses.notes]
+    check_interrupt()
+    with prompt_interrupt():
+        followed = follow(
+            folder,
+            rig=used_rig(plan),
+            poses=None if poses is None else poses.trajectory,
+            hd_map=plan.hd_map,
+            config=plan.config,
         )
-    followed = follow(
-        folder,
-        rig=used_rig(plan),
-        poses=None if poses is None else poses.trajectory,
-        hd_map=plan.hd_map,
-        config=plan.config,
-    )
+    notes += followed.notes
+    for note in notes:
+        typer.echo(f"note: {note}", err=True)
     return OverTime(
         poses=poses,
-        followed=replace(followed, notes=(*notes, *followed.notes)),
+        followed=replace(followed, notes=tuple(notes)),
         health=run_health(run_events(folder)),
     )
 

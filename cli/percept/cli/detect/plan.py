@@ -158,8 +158,15 @@ def _plan_cameras(
 
 
 def _check_halves(request: DetectRequest) -> None:
-    if request.map_file is not None and not request.track:
-        raise UsageError("--no-track makes no use of --map", remedy="Leave one of them out")
+    if not request.track:
+        unused = {"--map": request.map_file is not None, "--poses": request.poses != "auto"}
+        for option in (option for option, given in unused.items() if given):
+            raise UsageError(f"--no-track makes no use of {option}", remedy="Leave one of them out")
+    if request.camera_only and request.map_file is None and request.poses != "auto":
+        raise UsageError(
+            "--camera-only makes use of --poses for the lights of a map alone",
+            remedy="Give --map too, or leave --poses out",
+        )
     if request.lidar_only and request.camera_only:
         raise UsageError("--lidar-only and --camera-only leave nothing to look at")
     if request.lidar_only and request.models:

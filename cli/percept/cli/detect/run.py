@@ -48,7 +48,9 @@ def run_detection(request: DetectRequest) -> dict[str, Any]:
         for note in plan.all_notes:
             typer.echo(f"note: {note}", err=True)
         check()
-        folder.begin()
+        folder.begin(
+            [*plan.files(recording), *(p for p in (request.rig, request.config) if p is not None)]
+        )
         return _fill(folder, recording, plan, request, check)
 
 
@@ -94,6 +96,7 @@ def _fingerprint(recording: Recording, plan: RunPlan, request: DetectRequest) ->
         "window": plan.window_ns,
         "track": request.track,
         "poses": request.poses,
+        "origin": request.origin,
         "sensors": [[s.name, s.topic, _numbers(s.T_base_sensor)] for s in lidars],
         "cameras": [] if plan.cameras is None else plan.cameras.describe(),
         "models": [] if plan.cameras is None else [m.describe() for m in plan.cameras.models],

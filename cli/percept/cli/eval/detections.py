@@ -109,8 +109,7 @@ def detections(
     distance; what is taken for what; and how far the figures can be trusted. Labels and
     detections may have different formats. Ends with 4 when there is no object to find.
 
-    Example: percept demo --out demo && percept detect --bag demo/drive.mcap --rig demo/rig.yaml
-    --model small=builtin --camera-only --out seen && percept eval detections --detections seen
+    Example: percept demo --out demo && percept eval detections --detections demo/run
     --labels demo/truth
     """
     from percept.cli.eval.detections_run import EvalRequest, run_eval

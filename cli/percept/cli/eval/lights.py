@@ -44,9 +44,7 @@ def lights(
     Only moments count at which a camera sees the light. Lights meet by their ids in the map, so
     a run without one cannot be scored. Ends with 4 when no light is seen at any moment.
 
-    Example: percept demo --out demo && percept detect --bag demo/drive.mcap --rig demo/rig.yaml
-    --map demo/map.osm --model small=builtin --camera-only --out signals && percept eval lights
-    signals --labels demo/truth
+    Example: percept demo --out demo && percept eval lights demo/run --labels demo/truth
     """
     from percept.cli.eval.lights_run import LightEvalRequest, run_light_eval
     from percept.cli.eval.lights_table import show_light_scores

@@ -61,11 +61,12 @@ def tracks(
         _Format,
         typer.Option("--format", help="Format of the files; auto: a folder is kitti, a file mot."),
     ] = _Format.AUTO,
-    hindsight: Annotated[
+    online: Annotated[
         bool,
         typer.Option(
-            "--hindsight",
-            help="Let the tracks know what came later, as percept detect does on a log.",
+            "--online",
+            help="Answer at each frame from what came before, as in a vehicle and as published "
+            "trackers do; without it tracks know what came later, as those of percept detect.",
         ),
     ] = False,
     coast: Annotated[
@@ -74,7 +75,8 @@ def tracks(
             "--coast",
             min=0,
             metavar="FRAMES",
-            help="Report a track for so many frames after it was last seen. [default: 2]",
+            help="With --online: report a track for so many frames after it was last seen. "
+            "[default: 2]",
         ),
     ] = None,
     config: ConfigOption = None,
@@ -90,8 +92,8 @@ def tracks(
     """Score tracks: CLEAR-MOT, IDF1, HOTA; sAMOTA over 40 recalls on KITTI; velocities on a run.
 
     Give one of RUN, --detections and --tracks. With --detections the tracker runs first, with the
-    settings of --config, and its tracks are written to --out as KITTI tracking text. Ends with 4
-    when there is no object to track.
+    settings of --config and with hindsight, unless --online is given, and its tracks are written to
+    --out as KITTI tracking text. Ends with 4 when there is no object to track.
 
     Example: percept demo --out demo && percept eval tracks demo/run --labels demo/truth
     """
@@ -106,7 +108,7 @@ def tracks(
             tracks=tracks,
             labels=labels,
             file_format=None if file_format is _Format.AUTO else file_format.value,
-            hindsight=hindsight,
+            online=online,
             coast=coast,
             config=config,
             out=out,

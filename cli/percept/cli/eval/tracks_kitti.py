@@ -6,6 +6,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,19 @@ from percept.core.settings import load_settings
 from percept.core.tracked_boxes import TrackedBoxes
 from percept.datasets.labels.kitti_tracking import read_kitti_detections, read_kitti_tracks
 from percept.evaluation.tracks import detection_scans, score_kitti, tracked_boxes
+from percept.evaluation.tracks.score_scale import ScoreScale
 from percept.tracking import Tracker, TrackerConfig
+from percept.tracking.offline import track_drive
 
 __all__ = ["score_detections", "score_track_files"]
 
 _NAMES = {"car": "Car", "pedestrian": "Pedestrian", "cyclist": "Cyclist"}
 _COAST_FRAMES = 2
 _WARM_UP_SCANS = 3
+_LOGITS = (
+    "scores of {lowest:.4g} to {highest:.4g} are logits: the tracker was given their logistic "
+    "function, a probability; scores of tracks are in the unit of the files"
+)
 
 
 def score_detections(request: TrackEvalRequest) -> TrackEvalRun:
@@ -39,15 +46,19 @@ def score_detections(request: TrackEvalRequest) -> TrackEvalRun:
     coast = _COAST_FRAMES if request.coast is None else request.coast
     made: dict[str, TrackedBoxes] = {}
     truths = {name: read_kitti_tracks(labels[name][0]) for name in files if name in labels}
+    found = {name: read_kitti_detections(parts) for name, parts in files.items()}
+    scale = ScoreScale.of(boxes.scores for boxes in found.values())
     frames, seconds = 0, 0.0
     with progress_bar("tracking", len(files)) as show:
-        for done, (name, parts) in enumerate(files.items()):
-            found = read_kitti_detections(parts)
-            scans = list(detection_scans(found, _frames(found, truths.get(name))))
-            tracks, took = _track(scans, config, dropped, hindsight=request.hindsight)
+        for done, (name, boxes) in enumerate(found.items()):
+            likely = replace(boxes, scores=scale.probabilities(boxes.scores))
+            scans = list(detection_scans(likely, _frames(boxes, truths.get(name))))
+            tracks, took = _track(scans, config, dropped, online=request.online)
             # With hindsight no track goes on after it was last seen: all are reported.
-            known = len(scans) if request.hindsight else coast
-            made[name] = tracked_boxes(found, tracks, coast_frames=known, names=_NAMES)
+            known = coast if request.online else len(scans)
+            made[name] = tracked_boxes(
+                boxes, tracks, coast_frames=known, names=_NAMES, weak_score=scale.weak
+            )
             frames, seconds = frames + len(scans), seconds + took
             show(done + 1)
     run = _scored(truths, made, dropped)
@@ -58,10 +69,12 @@ def score_detections(request: TrackEvalRequest) -> TrackEvalRun:
     }
     run.inputs = [path for parts in files.values() for path in parts]
     run.inputs += [path for name in truths for path in labels[name]]
+    if scale.logits:
+        run.notes.append(_LOGITS.format(lowest=scale.lowest, highest=scale.highest))
     run.notes += _lone("labels", set(files) - set(labels))
     run.notes += _lone("detections", set(labels) - set(files))
     run.config = {
-        **config.model_dump(mode="json"), "coast_frames": coast, "hindsight": request.hindsight
+        **config.model_dump(mode="json"), "coast_frames": coast, "online": request.online
     }  # fmt: skip
     run.tracks = made
     return run
@@ -104,28 +117,30 @@ def _frames(*both: TrackedBoxes | None) -> int:
 
 
 def _track(
-    scans: Sequence[Detections3D], config: TrackerConfig, dropped: Counter[str], *, hindsight: bool
+    scans: Sequence[Detections3D], config: TrackerConfig, dropped: Counter[str], *, online: bool
 ) -> tuple[list[Tracks], float]:
     """Return the tracks at each scan, and how long the tracker alone took."""
-    warm = Tracker(config)
-    for scan in [scan for scan in scans if len(scan)][:_WARM_UP_SCANS]:
-        warm.push(scan)  # reads the compiled code from disk, which is no tracking
+    some = [scan for scan in scans if len(scan)][:_WARM_UP_SCANS]
+    _moments(some, config, online=online)  # reads the compiled code from disk, which is no tracking
     begun = time.perf_counter()
-    if hindsight:
-        from percept.tracking.offline import track_drive
-
-        drive = track_drive(scans, config)
-        moments, lost = list(drive.frames()), drive.dropped
-    else:
-        tracker = Tracker(config)
-        moments = []
-        for scan in scans:
-            tracker.push(scan)
-            moments.append(tracker.tracks(scan.stamp_ns))
-        lost = tracker.dropped
+    moments, lost = _moments(scans, config, online=online)
     took = time.perf_counter() - begun
     dropped.update(lost)
     return moments, took
+
+
+def _moments(
+    scans: Sequence[Detections3D], config: TrackerConfig, *, online: bool
+) -> tuple[list[Tracks], Counter[str]]:
+    """Return the tracks at each scan, and what was dropped."""
+    if not online:
+        drive = track_drive(scans, config)
+        return list(drive.frames()), drive.dropped
+    tracker, moments = Tracker(config), []
+    for scan in scans:
+        tracker.push(scan)
+        moments.append(tracker.tracks(scan.stamp_ns))
+    return moments, tracker.dropped
 
 
 def _scored(

@@ -25,7 +25,7 @@ class TrackEvalRequest:
     tracks: Path | None
     labels: Path
     file_format: str | None
-    hindsight: bool
+    online: bool
     coast: int | None
     config: Path | None
     out: Path | None

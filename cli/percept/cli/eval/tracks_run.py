@@ -50,11 +50,15 @@ def _check(request: TrackEvalRequest) -> None:
         raise UsageError("give one of RUN, --detections and --tracks")
     for flag, value in (
         ("--config", request.config),
-        ("--hindsight", request.hindsight or None),
+        ("--online", request.online or None),
         ("--coast", request.coast),
     ):
         if value is not None and not request.detections:
             raise UsageError(f"{flag} needs --detections: nothing is tracked here")
+    if request.coast is not None and not request.online:
+        raise UsageError(
+            "--coast needs --online: with hindsight tracks end where they were last seen"
+        )
     if request.detections and request.file_format == "mot":
         raise UsageError("--detections are KITTI-format files; --format mot is for --tracks")
     if request.run is not None and request.file_format is not None:

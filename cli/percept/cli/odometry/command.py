@@ -65,9 +65,9 @@ def odometry(
     Writes poses.parquet, quality.parquet, trajectory.tum, trajectory.kitti, report.html and
     run.json into --out. A pose from LiDAR is that of the end of its scan.
 
-    Example: percept synth drive --seconds 2 --cameras none --out street &&
-    percept odometry --bag street/drive.mcap --source lidar
-    --reference street/truth/poses.parquet --out way
+    Example: percept synth drive --seconds 2 --cameras none --out block &&
+    percept odometry --bag block/drive.mcap --source lidar
+    --reference block/truth/poses.parquet --out way
     """
     from percept.cli.odometry.request import OdometryRequest
     from percept.cli.odometry.run import run_odometry

@@ -10,6 +10,7 @@ from pydantic import Field
 from percept.core.settings import Settings
 from percept.lights import LightConfig
 from percept.tracking import TrackerConfig
+from percept.tracking.join import JoinConfig
 
 __all__ = ["TrackConfig", "TrackRequest"]
 
@@ -19,10 +20,12 @@ class TrackConfig(Settings):
 
     Attributes:
         tracking: The tracker of objects.
+        joining: When two of its tracks are pieces of one object.
         lights: The tracker of traffic lights.
     """
 
     tracking: TrackerConfig = Field(default_factory=TrackerConfig)
+    joining: JoinConfig = Field(default_factory=JoinConfig)
     lights: LightConfig = Field(default_factory=LightConfig)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from pathlib import Path
 from shutil import copyfile
 from typing import Any
 
@@ -15,13 +15,11 @@ from percept.cli.track.report import over_time_sections
 from percept.cli.track.request import TrackConfig, TrackRequest
 from percept.cli.track.verdict import TrackFacts, judge_tracks
 from percept.core.errors import UsageError
-from percept.core.results import Verdict
 from percept.core.settings import load_settings
 from percept.core.trajectory import Trajectory
 from percept.export.detection_report import closing_sections
 from percept.export.health import health_as_json, run_health
 from percept.export.overlay import OverlayWriter
-from percept.export.pose_table import read_poses
 from percept.export.report import ReportContent, write_report
 from percept.export.run_events import run_events
 from percept.export.scan_table import read_scans
@@ -41,22 +39,13 @@ def run_tracking(request: TrackRequest) -> dict[str, Any]:
     if request.out.resolve() == request.run.resolve():
         raise UsageError("--out is the run itself", where=request.out, remedy="Give a new folder")
     config = load_settings(TrackConfig, request.config)
-    run = open_run(request.run)
-    if request.poses is not None:
-        run = replace(
-            run,
-            trajectory=read_poses(request.poses),
-            poses_file=request.poses,
-            source=request.poses.name,
-            poses_verdict=Verdict.GOOD,
-            poses_why=(),
-        )
+    run = open_run(request.run, request.poses)
     hd_map = load_wanted_map(request.map_file, request.origin)
     with RunFolder(request.out, force=request.force, outputs=_OUTPUTS) as folder:
-        folder.begin()
         followed = follow(
             run.folder, rig=run.rig, poses=run.trajectory, hd_map=hd_map, config=config
         )
+        folder.begin(_given(request))
         return _fill(folder, run, request, config, followed)
 
 
@@ -69,8 +58,10 @@ def _fill(
 ) -> dict[str, Any]:
     """Write all files of the run."""
     poses = run.trajectory
-    extra = (request.map_file, request.poses)
-    inputs = [*run.files, *(path for path in extra if path is not None)]
+    inputs = [*run.files, *_given(request)]
+    notes = list(followed.notes)
+    if run.map_name and run.images and request.map_file is None:
+        notes.append(f"The run followed the lights of {run.map_name}: give it with --map, too.")
     health = run_health(run_events(run.folder))
     if run.poses_file is not None:
         copyfile(run.poses_file, folder.path / "poses.parquet")
@@ -84,6 +75,9 @@ def _fill(
     verdict, why, advice = judge_tracks(
         TrackFacts(
             scans=run.scans,
+            tracks=sum(followed.labels.values()),
+            images=run.images,
+            why_no_map=followed.why_no_map,
             poseless=followed.poseless,
             source=run.source,
             poses_verdict=run.poses_verdict,
@@ -101,7 +95,7 @@ def _fill(
             *closing_sections(
                 dropped=followed.dropped,
                 inputs=[describe_input(path) for path in inputs],
-                notes=followed.notes,
+                notes=notes,
                 settings=settings,
             ),
         ),
@@ -114,9 +108,14 @@ def _fill(
         dropped=followed.dropped,
         verdict=verdict,
         why=why,
-        notes=followed.notes,
+        notes=notes,
         health=health_as_json(health),
     )
+
+
+def _given(request: TrackRequest) -> list[Path]:
+    """Return the files besides the run that were given."""
+    return [p for p in (request.map_file, request.poses, request.config) if p is not None]
 
 
 def _write_overlay(

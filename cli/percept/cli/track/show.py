@@ -33,4 +33,5 @@ def show_over_time(counts: Mapping[str, Any]) -> None:
         listed = ", ".join(f"{count} {label}" for label, count in counts["tracks"].items())
         typer.echo(f"{sum(counts['tracks'].values())} tracks ({listed or 'none'})")
     if "lights" in counts:
-        typer.echo(f"{counts['lights']} traffic lights")
+        plural = "" if counts["lights"] == 1 else "s"
+        typer.echo(f"{counts['lights']} traffic light{plural}")

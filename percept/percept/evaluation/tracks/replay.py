@@ -20,6 +20,7 @@ FRAME_PERIOD_NS = 100_000_000
 _SENSOR = "velodyne"
 _FRAME_ID = "camera_level"
 _SAME_M = 3.0
+_SURE_AFTER = 6.0
 
 _F64 = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ _F64 = NDArray[np.float64]
 def detection_scans(detections: TrackedBoxes, frames: int) -> Iterator[Detections3D]:
     """Yield the boxes of each frame; a frame without any is a scan that saw nothing.
 
-    Scores stay in the detector's unit, and so are the thresholds that the tracker is given.
+    Scores stay as they are: thresholds of the tracker are in the same unit.
 
     Args:
         detections: Boxes of one sequence; class names become those of percept, in small letters.
@@ -52,24 +53,29 @@ def tracked_boxes(
     *,
     coast_frames: int,
     names: Mapping[str, str],
+    weak_score: float = 0.0,
 ) -> TrackedBoxes:
     """Return the full tracks of a sequence with what only the detections know.
 
     A track gets the box in the image of the detection in it, or of its last one while it is
-    predicted; its score is the mean of all its detections.
+    predicted. Its score is the mean of those of its detections and of 6 weak ones: what was seen
+    twice is less sure than what was seen often, and false tracks are short.
 
     Args:
         detections: The boxes that were tracked.
         tracks: What the tracker says at each frame, from frame 0 on.
         coast_frames: A track that has not been seen for more frames than this is not reported.
         names: Names of the classes that are reported, by those of the tracker.
+        weak_score: Score of the weakest boxes of the detector.
     """
     seen: dict[int, tuple[int, _F64]] = {}
-    scores: dict[int, float] = {}
+    sums: dict[int, tuple[float, float]] = {}
     rows: list[tuple[int, int, str, _F64, _F64, _F64]] = []
     for frame, moment in enumerate(tracks):
-        seen.update(_seen_now(detections, frame, moment))
-        scores.update(zip(moment.ids.tolist(), moment.scores.tolist(), strict=True))
+        for name, row in _seen_now(detections, frame, moment):
+            seen[name] = frame, detections.boxes_px[row]
+            total, count = sums.get(name, (_SURE_AFTER * weak_score, _SURE_AFTER))
+            sums[name] = total + float(detections.scores[row]), count + 1.0
         for k, name in enumerate(moment.ids.tolist()):
             if name not in seen or moment.states[k] != "full" or moment.labels[k] not in names:
                 continue
@@ -84,7 +90,7 @@ def tracked_boxes(
         boxes_px=np.array([row[3] for row in rows]).reshape(-1, 4),
         boxes_m=np.array([row[4] for row in rows]).reshape(-1, 7),
         velocities_mps=np.array([row[5] for row in rows]).reshape(-1, 2),
-        scores=np.array([scores[row[1]] for row in rows]),
+        scores=np.array([sums[row[1]][0] / sums[row[1]][1] for row in rows]),
     )
 
 
@@ -109,14 +115,12 @@ def full_tracks(moments: Iterable[Tracks]) -> tuple[TrackedBoxes, tuple[str, ...
     return whole.select(full), tuple(sorted({p.frame_id for p in parts}))
 
 
-def _seen_now(
-    detections: TrackedBoxes, frame: int, moment: Tracks
-) -> Iterator[tuple[int, tuple[int, _F64]]]:
-    """Yield each track that was observed, with the frame and the box in the image of it."""
+def _seen_now(detections: TrackedBoxes, frame: int, moment: Tracks) -> Iterator[tuple[int, int]]:
+    """Yield each track that was observed, with the row of its detection."""
     (found,) = frame_slices(detections.frames, np.array([frame]))
     observed = np.flatnonzero(moment.observed)
     offsets = moment.boxes_m[observed, None, :2] - detections.boxes_m[None, found, :2]
     distance = np.hypot(offsets[..., 0], offsets[..., 1])
     for k, j in zip(*linear_sum_assignment(np.minimum(distance, _SAME_M)), strict=True):
         if distance[k, j] < _SAME_M:
-            yield int(moment.ids[observed[k]]), (frame, detections.boxes_px[found[j]])
+            yield int(moment.ids[observed[k]]), int(found[j])
