@@ -45,8 +45,7 @@ from percept.evaluation.tracks.recalls import score_recalls
 from percept.evaluation.tracks.replay import FRAME_PERIOD_NS, detection_scans, tracked_boxes
 from percept.evaluation.tracks.scores import TrackScores, score_frames
 from percept.evaluation.tracks.similarity import space_iou
-from percept.tracking import Tracker
-from percept.tracking.offline import track_drive
+from percept.tracking import Tracker, track_drive
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "truth"))
 

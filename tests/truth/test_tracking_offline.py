@@ -16,7 +16,7 @@ from percept.datasets.synthetic.lidar import cloud_of_scan
 from percept.datasets.synthetic.truth import object_rows
 from percept.lidar import prepare_detector
 from percept.lidar.merge import merge_clouds
-from percept.tracking.offline import TrackedDrive, track_drive
+from percept.tracking import TrackedDrive, track_drive
 from percept.tracking.tracker import Tracker
 
 F64 = NDArray[np.float64]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from percept.core.results import Detections2D, Detections3D, Tracks
 from percept.core.trajectory import Trajectory
+from percept.tracking import TrackedDrive, track_drive
 from percept.tracking.config import TrackerConfig
 from percept.tracking.history import TrackHistory
 from percept.tracking.join import JoinConfig, join_tracks, whole_track
-from percept.tracking.offline import TrackedDrive, track_drive
 from percept.tracking.pieces import Piece
 from percept.tracking.tracker import Tracker
 

@@ -90,7 +90,8 @@ _DEFAULT_CLASSES = {
     ),
     "cyclist": ClassSettings(elongated=True, gate_m=1.5),
     "pedestrian": ClassSettings(
-        velocity_walk_mps=0.8, birth_speed_mps=1.5, gate_m=1.2, position_sd_m=0.15
+        velocity_walk_mps=0.8, birth_speed_mps=1.5, gate_m=1.2, position_sd_m=0.15,
+        t_expire_s=2.0,
     ),
     "deer": ClassSettings(elongated=True, velocity_walk_mps=3.0, gate_m=2.0),
     "barrel": ClassSettings(velocity_walk_mps=0.1, birth_speed_mps=0.5, gate_m=1.0),
@@ -125,6 +126,8 @@ class TrackerConfig(Settings):
         class_change_per_s: Rate at which the belief in a class fades, so that it can be revised.
         vehicle_walk_mps: Without poses, what the vehicle's own accelerations and turns add to the
             `velocity_walk_mps` of all classes.
+        vehicle_expire_s: Without poses, the most that `t_expire_s` of a class can be: how the
+            vehicle moves is not known for longer.
         weights: Weights and limits of the association in space.
         image: The same of the association in images.
         duplicate_overlap: Of two tracks whose boxes overlap by more than this (IoU from above)
@@ -140,6 +143,7 @@ class TrackerConfig(Settings):
     unknown_share: float = Field(default=0.2, ge=0, lt=1)
     class_change_per_s: float = Field(default=0.02, ge=0)
     vehicle_walk_mps: float = Field(default=1.0, ge=0)
+    vehicle_expire_s: float = Field(default=1.0, ge=0)
     weights: AssociationWeights = AssociationWeights()
     image: ImageMatchConfig = ImageMatchConfig()
     duplicate_overlap: float = Field(default=0.4, gt=0, le=1)
@@ -152,7 +156,10 @@ class TrackerConfig(Settings):
         """
         classes = {
             name: one.model_copy(
-                update={"velocity_walk_mps": hypot(one.velocity_walk_mps, self.vehicle_walk_mps)}
+                update={
+                    "velocity_walk_mps": hypot(one.velocity_walk_mps, self.vehicle_walk_mps),
+                    "t_expire_s": min(one.t_expire_s, self.vehicle_expire_s),
+                }
             )
             for name, one in self.classes.items()
         }

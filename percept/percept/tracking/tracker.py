@@ -142,9 +142,10 @@ class Tracker:
         boxes, words = boxes[used], words[used]
         away = boxes[:, :2] - (0.0 if pose is None else pose.translation_m[:2])
         variances = self._stepper.columns.centre_variances(words, np.hypot(away[:, 0], away[:, 1]))
+        offsets_s = np.asarray(detections.offsets_ns[used] * 1e-9, dtype=np.float64)
         return ScanMeasurement(
             detections.stamp_ns, detections.sensor, boxes, variances, words,
-            detections.confidences[used].astype(np.float64), detections.offsets_ns[used] * 1e-9,
+            detections.confidences[used].astype(np.float64), offsets_s,
         )  # fmt: skip
 
     def _pose(self, stamp_ns: int) -> Transform | None:

@@ -9,7 +9,7 @@ from percept.cli.detect.plan import RunPlan
 from percept.cli.odometry.found import FoundPoses
 from percept.cli.odometry.request import Source
 from percept.cli.odometry.sources import PoseFinder
-from percept.core.errors import InputError
+from percept.core.errors import InputError, InsufficientDataError
 from percept.core.results import Verdict
 from percept.datasets.recording import Recording
 
@@ -50,7 +50,7 @@ def find_poses(
     for way in ways:
         try:
             found = way()
-        except InputError as error:
+        except (InputError, InsufficientDataError) as error:
             if wanted != "auto":
                 raise
             notes.append(f"No poses: {error}.")

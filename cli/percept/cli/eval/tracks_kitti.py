@@ -19,8 +19,7 @@ from percept.core.tracked_boxes import TrackedBoxes
 from percept.datasets.labels.kitti_tracking import read_kitti_detections, read_kitti_tracks
 from percept.evaluation.tracks import detection_scans, score_kitti, tracked_boxes
 from percept.evaluation.tracks.score_scale import ScoreScale
-from percept.tracking import Tracker, TrackerConfig
-from percept.tracking.offline import track_drive
+from percept.tracking import Tracker, TrackerConfig, track_drive
 
 __all__ = ["score_detections", "score_track_files"]
 

@@ -17,7 +17,7 @@ from percept.export.run_detections import read_detections_2d, read_detections_3d
 from percept.hdmap import HdMap
 from percept.hdmap.light import MapLight
 from percept.lights import LightTracker, light_label
-from percept.tracking.offline import TrackedDrive, track_drive
+from percept.tracking import TrackedDrive, track_drive
 
 __all__ = ["Followed", "follow"]
 

@@ -9,8 +9,7 @@ from pydantic import Field
 
 from percept.core.settings import Settings
 from percept.lights import LightConfig
-from percept.tracking import TrackerConfig
-from percept.tracking.join import JoinConfig
+from percept.tracking import JoinConfig, TrackerConfig
 
 __all__ = ["TrackConfig", "TrackRequest"]
 

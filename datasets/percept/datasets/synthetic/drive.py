@@ -15,12 +15,12 @@ from pydantic import Field
 
 from percept.core.clock import NS_PER_MS, ns_from_seconds
 from percept.core.errors import UsageError
+from percept.core.geodesy import LocalFrame
 from percept.core.rig import CameraSensor, Rig, rig_as_yaml
 from percept.core.samples import CameraImage, CameraInfo, Sample
 from percept.core.settings import Settings
 from percept.core.transform import Transform
 from percept.datasets.synthetic.ego import EGO_SPEED_MPS, EGO_START_X_M, EgoMotion
-from percept.core.geodesy import LocalFrame
 from percept.datasets.synthetic.lanelet_map import make_map, write_map
 from percept.datasets.synthetic.layout import BLOCK_M
 from percept.datasets.synthetic.lidar import (

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.clock import NS_PER_MS
+from percept.core.geodesy import LocalFrame
 from percept.core.rig import Rig
 from percept.core.samples import GnssFix, ImuSample, OdometrySample, Sample, TransformSample
 from percept.core.transform import Transform, quat_xyzw_from_matrix, rotation_from_rpy
 from percept.datasets.synthetic.ego import Motion
-from percept.core.geodesy import LocalFrame
 from percept.datasets.synthetic.sensor_rig import BASE, T_BASE_GNSS, T_BASE_IMU
 
 __all__ = ["GNSS_TOPIC", "IMU_TOPIC", "ODOMETRY_TOPIC", "Navigation"]
