@@ -69,7 +69,7 @@ def test_nothing_else_is_called_flashing_and_red_never_green(
 
 def test_hindsight_is_right_where_the_car_was_late() -> None:
     rng = np.random.default_rng(4)
-    for draw, least in ((draw_cycles, 0.97), (draw_flashes, 0.97), (draw_outages, 0.93)):
+    for draw, least in ((draw_cycles, 0.98), (draw_flashes, 0.98), (draw_outages, 0.95)):
         truth = draw(_LIGHTS, 10, rng)
         readings = read_lights(truth, plain_errors(0.95), rng)
         said = track_readings(truth, readings, LightConfig(), smoothed=True)
