@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import importlib
 import json
 import os
@@ -23,8 +24,11 @@ from percept.calib import limits
 from percept.cli.app import app
 from percept.cli.detect import verdict as detect_verdict
 from percept.cli.detect.request import DetectConfig
+from percept.cli.map.validate_request import MapValidateConfig
 from percept.cli.track import verdict as track_verdict
 from percept.cli.track.request import TrackConfig
+from percept.core.map_findings import Kind, Status
+from percept.core.results import Verdict
 from percept.core.rig import load_rig
 from percept.core.settings import Settings
 from percept.datasets.inspection import InspectConfig
@@ -35,12 +39,16 @@ from percept.detection.images.pixels import PIXEL_FORMATS
 from percept.detection.networks.decode import NAMES as LAYOUTS
 from percept.detection.yolo_config import YoloConfig
 from percept.evaluation.boxes_2d import BoxScoreConfig
+from percept.export.coverage_table import COVERAGE, OFFSETS
+from percept.export.discrepancy_table import DISCREPANCIES, read_discrepancies
 from percept.export.image_table import IMAGES_2D
+from percept.export.lane_document import LANES
 from percept.export.light_table import LIGHTS
 from percept.export.pose_table import POSES
 from percept.export.scan_table import SCANS_3D
 from percept.export.tables import DETECTIONS_2D, DETECTIONS_3D
 from percept.export.track_table import TRACKS
+from percept.lanes import LaneConfig
 from percept.lidar import Rules, load_rules
 from percept.lidar.classify import ShapeRule
 from percept.tracking.config import ClassSettings
@@ -49,8 +57,17 @@ _ROOT = Path(__file__).resolve().parents[2]
 _PAGES = sorted([*_ROOT.glob("*.md"), *(_ROOT / "docs").glob("*.md")])
 _NOTEBOOKS = sorted((_ROOT / "notebooks").glob("*.ipynb"))
 # Of pip, the benchmarks, and the scripts that export and train networks.
-_FOREIGN_OPTIONS = {"--upgrade", "--data", "--grid", "--end2end", "--weights", "--include"}
+_FOREIGN_OPTIONS = {
+    "--upgrade",
+    "--data",
+    "--grid",
+    "--end2end",
+    "--weights",
+    "--include",
+    "--drive",
+}
 _LARGEST_PICTURE = 300_000
+_FINDINGS = "discrepancies.parquet"
 # Taken with a browser.
 _PAGE_PICTURES = {
     "calib_check.png",
@@ -58,6 +75,7 @@ _PAGE_PICTURES = {
     "eval.png",
     "inspect.png",
     "lights.png",
+    "map_review.png",
     "report.png",
 }
 
@@ -142,7 +160,7 @@ def test_every_option_in_the_docs_exists(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for call in _invocations(text):
         known = [name for name in _OPTIONS if call.startswith(name)]
-        assert known or re.match(r"--|COMMAND|(synth|calib|eval)$", call), (
+        assert known or re.match(r"--|COMMAND|(synth|calib|eval|map)$", call), (
             f"{page.name}: percept {call}"
         )
         named = set(re.findall(r"--[a-z][a-z-]+", call))
@@ -158,7 +176,8 @@ def test_every_option_in_the_docs_exists(page: Path) -> None:
     [
         "detect", "detect quantize", "eval detections", "inspect", "synth drive", "synth calib",
         "calib camera", "calib lidar", "calib camera-lidar", "calib check", "calib export",
-        "odometry", "track", "eval tracks", "eval lights",
+        "odometry", "track", "eval tracks", "eval lights", "lanes", "eval lanes", "map info",
+        "map draw", "map check", "map validate", "map review", "eval map",
     ],
 )  # fmt: skip
 def test_a_page_names_every_option_of_its_command(command: str) -> None:
@@ -217,6 +236,24 @@ def test_the_settings_of_tracks_and_lights_are_complete_and_are_the_defaults() -
     assert _keys(values) == _keys(defaults)
 
 
+def test_the_settings_of_map_validation_are_complete_and_are_the_defaults() -> None:
+    (block,) = _blocks(_section(_page("docs/map-validate.md"), "Settings"), "yaml")
+    values = yaml.safe_load(block)
+    assert MapValidateConfig.model_validate(values) == MapValidateConfig()
+    elsewhere = {"odometry", "lidar", "models"}  # they have pages of their own
+    assert _keys(values) == _keys(MapValidateConfig().model_dump(exclude=elsewhere))
+
+
+def test_the_findings_that_are_described_are_those_that_exist() -> None:
+    rows = _section(_page("docs/map-validate.md"), "Findings").splitlines()
+    named = [line.split("|")[1].strip(" `") for line in rows if line.startswith("| `")]
+    assert named == [str(kind) for kind in Kind]
+    rows = _section(_page("docs/map-validate.md"), "Verdict").splitlines()
+    named = [line.split("|")[1].strip(" `") for line in rows if line.startswith("| `")]
+    assert set(named) == {str(verdict) for verdict in Verdict}
+    assert all(f"`{status}`" in _page("docs/map-validate.md") for status in Status)
+
+
 def test_the_settings_of_a_network_are_complete_and_are_the_defaults() -> None:
     (block,) = _blocks(_section(_page("docs/networks.md"), "Settings"), "yaml")
     ((_, values),) = yaml.safe_load(block)["models"].items()
@@ -231,6 +268,7 @@ def test_the_settings_of_a_network_are_complete_and_are_the_defaults() -> None:
         (ShapeRule, "detect"),
         (Rules, "detect"),
         (BoxScoreConfig, "eval-detections"),
+        (LaneConfig, "lanes"),
     ],
 )
 def test_every_key_of_limits_and_rules_is_named(model: type[Settings], page: str) -> None:
@@ -275,6 +313,10 @@ def test_the_rule_in_the_docs_is_the_one_that_ships(tmp_path: Path) -> None:
         ("docs/track.md", POSES.names),
         ("docs/track.md", SCANS_3D.names),
         ("docs/lights.md", LIGHTS.names),
+        ("docs/lanes.md", LANES.names),
+        ("docs/map-validate.md", DISCREPANCIES.names),
+        ("docs/map-validate.md", COVERAGE.names),
+        ("docs/map-validate.md", OFFSETS.names),
         ("docs/synth.md", OBJECT_COLUMNS.names),
         ("docs/synth.md", LIGHT_COLUMNS.names),
         ("docs/synth.md", BOX_COLUMNS.names),
@@ -367,6 +409,22 @@ def test_the_tutorial_of_tracks_runs_as_it_stands(tmp_path: Path) -> None:
     )
     assert shown.returncode == 0, shown.stderr
     assert len(shown.stdout.splitlines()) == 1 + runs["run"]["counts"]["frames"]
+
+
+def test_the_tutorial_of_maps_finds_what_was_planted(tmp_path: Path) -> None:
+    _follow("docs/tutorial-maps.md", tmp_path)
+    scores = json.loads((tmp_path / "scored" / "scores.json").read_text())
+    assert scores["recall"] >= 0.75
+    first, again = (
+        read_discrepancies(tmp_path / name / _FINDINGS) for name in ("checked", "again")
+    )
+    decided = {Status.CONFIRMED: 0, Status.REJECTED: 0}
+    with (tmp_path / "decided" / "decisions.csv").open(newline="") as file:
+        for row in csv.DictReader(file):
+            decided[Status(row["status"])] += 1
+    assert decided[Status.REJECTED] == 1
+    assert decided[Status.CONFIRMED] == len(first) - 1 == len(again)
+    assert {finding.status for finding in again} == {Status.CONFIRMED}
 
 
 def _scores(run: Path) -> dict[str, Any]:

@@ -28,14 +28,16 @@ _ARROWS = {
     "tracking": {"core"},
     "hdmap": {"core"},
     "lights": {"core", "hdmap"},
+    "lanes": {"core"},
+    "review": {"core"},
     "odometry": {"core"},
     "evaluation": {"core"},
     "calib": {"core", "lidar"},
     "datasets": {"core", "calib"},
-    "export": {"core", "lidar", "detection", "evaluation", "calib"},
+    "export": {"core", "lidar", "detection", "evaluation", "calib", "hdmap"},
     "cli": {
-        "core", "lidar", "detection", "tracking", "hdmap", "lights", "odometry", "evaluation",
-        "calib", "datasets", "export",
+        "core", "lidar", "detection", "tracking", "hdmap", "lights", "lanes", "odometry",
+        "evaluation", "calib", "datasets", "export", "review",
     },
 }  # fmt: skip
 
@@ -50,19 +52,24 @@ _HEAVY = {
     "pycocotools": {"percept.evaluation.boxes_2d.coco"},
     "torch": set(),
     "kiss_icp": {"percept.odometry.lidar"},
-    "lxml": {"percept.hdmap.osm"},
+    "lxml": {"percept.hdmap.osm", "percept.hdmap.opendrive"},
+    "shapely": {"percept.hdmap.check"},
+    "starlette": {"percept.review"},
+    "uvicorn": {"percept.review"},
+    "jinja2": {"percept.review"},
     "sklearn": set(),
     "trackeval": set(),
     "motmetrics": set(),
     "lanelet2": set(),
     "numba": {
-        "percept.core.box_overlap_kernels", "percept.lidar", "percept.tracking",
-        "percept.odometry", "percept.calib", "percept.datasets",
+        "percept.core.box_overlap_kernels", "percept.core.sight_line_kernels", "percept.lidar",
+        "percept.tracking", "percept.odometry", "percept.calib", "percept.datasets",
+        "percept.lanes",
     },
     "numpy": {
         "percept.core", "percept.lidar", "percept.detection", "percept.tracking", "percept.hdmap",
-        "percept.lights", "percept.odometry", "percept.evaluation", "percept.calib",
-        "percept.datasets", "percept.export",
+        "percept.lights", "percept.lanes", "percept.odometry", "percept.evaluation",
+        "percept.calib", "percept.datasets", "percept.export", "percept.review",
     },
 }  # fmt: skip
 
@@ -107,7 +114,8 @@ def test_help_loads_nothing_heavy() -> None:
         "try: main()\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'cv2', 'numba', 'rosbags', 'mcap', 'rerun', 'pyarrow', 'pydantic',\n"
-        "         'onnx', 'onnxruntime', 'pycocotools', 'torch', 'kiss_icp', 'lxml', 'scipy'}\n"
+        "         'onnx', 'onnxruntime', 'pycocotools', 'torch', 'kiss_icp', 'lxml', 'scipy',\n"
+        "         'starlette', 'uvicorn', 'jinja2', 'shapely'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -173,6 +173,7 @@ def test_points_without_a_height_are_counted(tmp_path: Path) -> None:
         ((META.replace('"49"', '"99"'), EDGE[0]), "is no place"),
         ((META.replace('"49"', '"north"'), EDGE[0]), "origin_lat='north' is no number"),
         ((EDGE[0].replace('v="5"', 'v="inf"'),), "node 1: ele='inf' is no number"),
+        ((EDGE[0].replace('v="5"', 'v="-1e300"'),), "node 1: ele='-1e300' is no place on earth"),
         ((EDGE[0].replace('lat=""', 'lat="149"'),), "node 1: lat='149' is no angle"),
         ((EDGE[0].replace('id="1"', 'id="one"'),), "id='one' is no id"),
         ((EDGE[0].replace('id="1"', f'id="{2**64}"'),), "is no id"),
@@ -221,6 +222,18 @@ def test_hostile_files_are_refused_in_one_line(tmp_path: Path, content: bytes, s
         load_map(path)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_place_in_a_file_is_told_once(tmp_path: Path) -> None:
+    path = tmp_path / "map.osm"
+    path.write_text("<osm>\n<node id='1'></osm>", encoding="utf-8")
+    with pytest.raises(InputError, match=r"node line 2 and osm, line 2, column 20\)$"):
+        load_map(path)
+
+
+def test_letters_that_xml_writes_otherwise_are_read_as_they_are(tmp_path: Path) -> None:
+    street = read(tmp_path, *EDGE, way(7, (1, 2), type="a &amp; b &#38; &lt;c&gt; &quot;&#x2028;"))
+    assert street.line_strings[7].tags["type"] == 'a & b & <c> "\u2028'
 
 
 def test_a_file_that_cannot_be_opened_or_is_too_large(tmp_path: Path) -> None:

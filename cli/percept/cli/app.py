@@ -17,6 +17,8 @@ from typer.core import TyperGroup
 from percept.cli import calib, demo, detect, inspect, synth, view
 from percept.cli.dependencies import explain_import_error
 from percept.cli.eval import app as eval_app
+from percept.cli.lanes import lanes
+from percept.cli.map.app import app as map_app
 from percept.cli.odometry import odometry
 from percept.cli.track.command import track
 from percept.core.errors import PerceptError, UsageError
@@ -76,6 +78,8 @@ app.add_typer(detect.app, name="detect")
 app.command("track")(track)
 app.add_typer(eval_app, name="eval")
 app.command("odometry")(odometry)
+app.add_typer(map_app, name="map")
+app.command("lanes")(lanes)
 app.command("view")(view.view)
 
 

@@ -54,12 +54,22 @@ def drive(
         Literal["front", "all", "none"],
         typer.Option("--cameras", help="Which cameras to render."),
     ] = "front",
+    map_changes: Annotated[
+        int,
+        typer.Option(
+            "--map-changes",
+            min=0,
+            max=10_000,
+            help="Plant this many changes into the map; the road stays as it is.",
+        ),
+    ] = 0,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Make a drive: 4 LiDARs, cameras, GNSS and INS, an HD map, and the truth of it all.
 
     Writes the log, rig.yaml, map.osm and truth/ into --out. The same seed gives the same samples.
+    With --map-changes the map is wrong in that many places, which truth/map_changes.json lists.
 
     Example: percept synth drive --seconds 1 --out street
     """
@@ -69,7 +79,13 @@ def drive(
 
     config = parse_settings(
         DriveConfig,
-        {"seed": seed, "seconds": seconds, "noise": noise, "cameras": _CAMERA_NAMES[cameras]},
+        {
+            "seed": seed,
+            "seconds": seconds,
+            "noise": noise,
+            "cameras": _CAMERA_NAMES[cameras],
+            "map_changes": map_changes,
+        },
         where="flags",
     )
     run = make_drive(out, config, log_format, force=force)

@@ -34,6 +34,18 @@ class LocalFrame:
         """Return latitude and longitude in degrees and altitude in metres of a point (3,)."""
         return _geodetic_from_ecef(self._origin_ecef() + self._axes().T @ point_map)
 
+    def geodetics(self, points_map: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return latitudes and longitudes in degrees and altitudes (N, 3) of points (N, 3)."""
+        x, y, z = (self._origin_ecef() + points_map @ self._axes()).T
+        across = np.hypot(x, y)
+        lat = np.arctan2(z, across * (1 - _ECCENTRICITY2))
+        for _ in range(_ITERATIONS):
+            normal = _SEMI_MAJOR_M / np.sqrt(1 - _ECCENTRICITY2 * np.sin(lat) ** 2)
+            lat = np.arctan2(z + _ECCENTRICITY2 * normal * np.sin(lat), across)
+        surface = _SEMI_MAJOR_M * np.sqrt(1 - _ECCENTRICITY2 * np.sin(lat) ** 2)
+        altitude = across * np.cos(lat) + z * np.sin(lat) - surface
+        return np.column_stack([np.degrees(lat), np.degrees(np.arctan2(y, x)), altitude])
+
     def local(self, geodetic: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points (N, 3) in metres of N latitudes and longitudes in degrees and altitudes.
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.core.errors import GeometryError
+from percept.core.transform import Transform
 
 __all__ = ["Detections2D", "Detections3D", "LightStates", "Tracks", "Verdict"]
 
@@ -104,6 +105,23 @@ class Detections3D:
 
     def __len__(self) -> int:
         return len(self.boxes_m)
+
+    def transformed(self, T_target_frame: Transform) -> Detections3D:
+        """Return the boxes in another frame; they stay upright, whatever the tilt between both.
+
+        Raises:
+            GeometryError: If the transform does not start at the frame of the boxes.
+        """
+        if T_target_frame.source != self.frame_id:
+            raise GeometryError(
+                f"boxes in frame '{self.frame_id}' cannot go through "
+                f"T_{T_target_frame.target}_{T_target_frame.source}"
+            )
+        turn = np.arctan2(T_target_frame.rotation[1, 0], T_target_frame.rotation[0, 0])
+        boxes = self.boxes_m.copy()
+        boxes[:, :3] = T_target_frame.apply(boxes[:, :3])
+        boxes[:, 6] = np.arctan2(np.sin(boxes[:, 6] + turn), np.cos(boxes[:, 6] + turn))
+        return replace(self, frame_id=T_target_frame.target, boxes_m=boxes)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

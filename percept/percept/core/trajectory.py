@@ -53,6 +53,11 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
+    @property
+    def length_m(self) -> float:
+        """Length of the way, metres; steps over gaps are in it as straight lines."""
+        return float(np.linalg.norm(np.diff(self.matrices[:, :3, 3], axis=0), axis=1).sum())
+
     def at(self, stamp_ns: int) -> Transform | None:
         """Return the pose at a time, or None outside the recorded span and inside a gap.
 

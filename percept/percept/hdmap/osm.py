@@ -11,19 +11,20 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, NamedTuple, cast
 
 from lxml import etree
 
 from percept.core.errors import InputError
+from percept.hdmap.elements import Member
 
-__all__ = ["OsmFile", "OsmMember", "OsmNode", "OsmRelation", "OsmWay", "read_osm"]
+__all__ = ["OsmFile", "OsmNode", "OsmRelation", "OsmWay", "parse_file", "read_osm"]
 
 _LARGEST_FILE_BYTES = 512 * 1024 * 1024
 _CHUNK_BYTES = 1 << 20
 
 
-@dataclass(frozen=True, slots=True)
-class OsmNode:
+class OsmNode(NamedTuple):
     """A point: degrees where it has them, and its tags."""
 
     latitude_deg: float
@@ -31,28 +32,17 @@ class OsmNode:
     tags: Mapping[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class OsmWay:
+class OsmWay(NamedTuple):
     """Points in order, by their ids, and tags."""
 
     nodes: tuple[int, ...]
     tags: Mapping[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class OsmMember:
-    """A member of a relation: `node`, `way` or `relation`, its role, and its id."""
-
-    kind: str
-    role: str
-    ref: int
-
-
-@dataclass(frozen=True, slots=True)
-class OsmRelation:
+class OsmRelation(NamedTuple):
     """Members in order, and tags."""
 
-    members: tuple[OsmMember, ...]
+    members: tuple[Member, ...]
     tags: Mapping[str, str]
 
 
@@ -81,9 +71,22 @@ def read_osm(path: Path) -> OsmFile:
             document type, or an element lacks what it needs; the element and line are named.
     """
     target = _Target(path)
+    parse_file(path, target)
+    return target.file
+
+
+def parse_file(path: Path, target: object) -> None:
+    """Give the events of an XML file to a target of lxml, which has to refuse document types.
+
+    Raises:
+        InputError: If the file cannot be read, is larger than 512 MiB, or is no XML.
+    """
     parser = etree.XMLParser(
-        target=target,
-        resolve_entities=False,
+        # Its stubs ask for handlers of texts and comments, of which there are as many as elements.
+        target=cast("Any", target),
+        # With False `&amp;` stays `&#38;` in values; a document has no entities of its own, since
+        # one with a document type is refused.
+        resolve_entities=cast("Any", "internal"),
         load_dtd=False,
         no_network=True,
         huge_tree=False,
@@ -97,7 +100,6 @@ def read_osm(path: Path) -> OsmFile:
         raise InputError(f"cannot be read ({error.strerror})", where=path) from error
     except etree.XMLSyntaxError as error:
         raise InputError(f"is no XML ({_one_line(error)})", where=path) from error
-    return target.file
 
 
 def _feed(path: Path, parser: etree.XMLParser) -> None:
@@ -114,7 +116,8 @@ def _feed(path: Path, parser: etree.XMLParser) -> None:
 
 
 def _one_line(error: etree.XMLSyntaxError) -> str:
-    return " ".join(str(error).split())
+    # Its text is this with the place once more.
+    return " ".join((error.msg or "it ends early").split())
 
 
 class _Target:
@@ -124,74 +127,70 @@ class _Target:
         self.file = OsmFile()
         self._path = path
         self._depth = 0
-        self._open: str | None = None
-        self._attributes: dict[str, str] = {}
+        self._tag = ""
+        self._attributes: Mapping[str, str] = {}
         self._tags: dict[str, str] = {}
         self._nodes: list[int] = []
-        self._members: list[OsmMember] = []
+        self._members: list[Member] = []
+        self._keep = {
+            "node": self._keep_node,
+            "way": self._keep_way,
+            "relation": self._keep_relation,
+            "MetaInfo": self._keep_meta,
+        }
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
         """Refuse the document: a map needs no document type, an attack does."""
         del name, public, system
         raise InputError("has a document type, which maps do not have", where=self._path)
 
-    def start(self, tag: str | bytes, attrib: Mapping[str | bytes, str | bytes]) -> None:
+    def start(self, tag: str, attributes: Mapping[str, str]) -> None:
         """Begin an element; the root has to be `osm`."""
-        tag, attributes = str(tag), {str(key): str(value) for key, value in attrib.items()}
         self._depth += 1
-        if self._depth == 1 and tag != "osm":
-            raise InputError(f"is no OSM file; its root is <{tag}>", where=self._path)
-        if self._depth == 2:
-            self._open = tag
-            self._attributes = attributes
+        if self._depth == 3:
+            if tag == "tag":
+                self._tags[attributes.get("k", "")] = attributes.get("v", "")
+            elif tag == "nd":
+                self._nodes.append(self._integer(attributes, "ref"))
+            elif tag == "member":
+                self._members.append(self._member(attributes))
+        elif self._depth == 2:
+            self._tag, self._attributes = tag, attributes
             self._tags, self._nodes, self._members = {}, [], []
-        elif self._depth == 3:
-            self._add_part(tag, attributes)
+        elif self._depth == 1 and tag != "osm":
+            raise InputError(f"is no OSM file; its root is <{tag}>", where=self._path)
 
-    def end(self, tag: str | bytes) -> None:
+    def end(self, tag: str) -> None:
         """End an element, and keep it unless it is deleted."""
         self._depth -= 1
-        if self._depth == 1:
-            if self._attributes.get("action") != "delete":
-                self._keep(str(tag))
-            self._open = None
-
-    def data(self, data: str | bytes) -> None:
-        """Take no notice of text between elements."""
-
-    def comment(self, text: str | bytes) -> None:
-        """Take no notice of comments."""
+        if self._depth == 1 and tag in self._keep and self._attributes.get("action") != "delete":
+            self._keep[tag]()
 
     def close(self) -> None:
         """End the document."""
 
-    def _add_part(self, tag: str, attributes: Mapping[str, str]) -> None:
-        if tag == "tag":
-            self._tags[attributes.get("k", "")] = attributes.get("v", "")
-        elif tag == "nd":
-            self._nodes.append(self._integer(attributes, "ref"))
-        elif tag == "member":
-            kind, role = attributes.get("type", ""), attributes.get("role", "")
-            self._members.append(OsmMember(kind, role, self._integer(attributes, "ref")))
+    def _member(self, attributes: Mapping[str, str]) -> Member:
+        kind, role = attributes.get("type", ""), attributes.get("role", "")
+        return Member(kind, role, self._integer(attributes, "ref"))
 
-    def _keep(self, tag: str) -> None:
-        if tag == "MetaInfo":
-            self.file.meta = self._attributes
-        elif tag == "node":
-            latitude, longitude = self._degrees("lat", 90.0), self._degrees("lon", 180.0)
-            node = OsmNode(latitude, longitude, self._tags)
-            self.file.nodes[self._new_id(self.file.nodes)] = node
-        elif tag == "way":
-            way = OsmWay(tuple(self._nodes), self._tags)
-            self.file.ways[self._new_id(self.file.ways)] = way
-        elif tag == "relation":
-            relation = OsmRelation(tuple(self._members), self._tags)
-            self.file.relations[self._new_id(self.file.relations)] = relation
+    def _keep_node(self) -> None:
+        latitude, longitude = self._degrees("lat", 90.0), self._degrees("lon", 180.0)
+        self.file.nodes[self._new_id(self.file.nodes)] = OsmNode(latitude, longitude, self._tags)
+
+    def _keep_way(self) -> None:
+        self.file.ways[self._new_id(self.file.ways)] = OsmWay(tuple(self._nodes), self._tags)
+
+    def _keep_relation(self) -> None:
+        relation = OsmRelation(tuple(self._members), self._tags)
+        self.file.relations[self._new_id(self.file.relations)] = relation
+
+    def _keep_meta(self) -> None:
+        self.file.meta = dict(self._attributes)
 
     def _new_id(self, taken: Mapping[int, object]) -> int:
         identity = self._integer(self._attributes, "id")
         if identity in taken:
-            raise InputError(f"{self._open} {identity} stands in it twice", where=self._path)
+            raise InputError(f"{self._tag} {identity} stands in it twice", where=self._path)
         return identity
 
     def _integer(self, attributes: Mapping[str, str], name: str) -> int:
@@ -220,4 +219,4 @@ class _Target:
         return degrees
 
     def _place(self) -> str:
-        return f"{self._open} {self._attributes.get('id', 'without an id')[:40]}"
+        return f"{self._tag} {self._attributes.get('id', 'without an id')[:40]}"

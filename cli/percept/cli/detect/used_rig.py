@@ -7,7 +7,7 @@ from percept.core.rig import CameraSensor, LidarSensor, Rig
 from percept.core.transform import Transform
 from percept.datasets.cameras import CameraStream
 
-__all__ = ["used_rig"]
+__all__ = ["camera_sensor", "used_rig"]
 
 _BASE = "base_link"
 
@@ -20,7 +20,7 @@ def used_rig(plan: RunPlan) -> Rig:
     """
     lidars = plan.lidars.streams.sensors if plan.lidars is not None else ()
     streams = plan.cameras.cameras.values() if plan.cameras is not None else ()
-    cameras = [sensor for stream in streams if (sensor := _camera(stream)) is not None]
+    cameras = [sensor for stream in streams if (sensor := camera_sensor(stream)) is not None]
     sensors: list[LidarSensor | CameraSensor] = [*lidars, *cameras]
     base = next((s.T_base_sensor.target for s in sensors if s.T_base_sensor is not None), _BASE)
     return Rig(base, {s.name: s for s in sensors if _fits(s.T_base_sensor, base)})
@@ -30,7 +30,8 @@ def _fits(T_base_sensor: Transform | None, base: str) -> bool:
     return T_base_sensor is None or T_base_sensor.target == base
 
 
-def _camera(stream: CameraStream) -> CameraSensor | None:
+def camera_sensor(stream: CameraStream) -> CameraSensor | None:
+    """Return a camera of a log as a rig has it; None where its lens is not known."""
     lens = stream.camera
     if lens is None:
         return None

@@ -8,7 +8,7 @@ from percept.core.errors import UsageError
 from percept.core.geodesy import LocalFrame
 from percept.hdmap import HdMap, load_map
 
-__all__ = ["load_wanted_map"]
+__all__ = ["load_wanted_map", "named_place"]
 
 _HIGHEST_LATITUDE_DEG, _HIGHEST_LONGITUDE_DEG = 90.0, 180.0
 
@@ -24,10 +24,17 @@ def load_wanted_map(path: Path | None, origin: str | None) -> HdMap | None:
         if origin is not None:
             raise UsageError("--origin is for --map, which is not given")
         return None
-    return load_map(path, None if origin is None else _place(origin))
+    return load_map(path, named_place(origin))
 
 
-def _place(text: str) -> LocalFrame:
+def named_place(text: str | None) -> LocalFrame | None:
+    """Return the place that `--origin` names; None where it is not given.
+
+    Raises:
+        UsageError: If it is no place on earth.
+    """
+    if text is None:
+        return None
     try:
         latitude, longitude, *altitude = (float(part) for part in text.split(","))
     except ValueError:

@@ -21,7 +21,7 @@ from percept.core.samples import CameraImage, CameraInfo, Sample
 from percept.core.settings import Settings
 from percept.core.transform import Transform
 from percept.datasets.synthetic.ego import EGO_SPEED_MPS, EGO_START_X_M, EgoMotion
-from percept.datasets.synthetic.lanelet_map import make_map, write_map
+from percept.datasets.synthetic.lanelet_map import StreetMap, make_map, write_map
 from percept.datasets.synthetic.layout import BLOCK_M
 from percept.datasets.synthetic.lidar import (
     SCAN_PERIOD_NS,
@@ -30,6 +30,13 @@ from percept.datasets.synthetic.lidar import (
     cloud_of_scan,
     scan_world,
 )
+from percept.datasets.synthetic.map_changes import (
+    MapChange,
+    plan_changes,
+    plant_changes,
+    write_changes,
+)
+from percept.datasets.synthetic.map_sight import DriveSight
 from percept.datasets.synthetic.navigation import Navigation
 from percept.datasets.synthetic.sensor_rig import (
     BASE,
@@ -88,6 +95,7 @@ class DriveConfig(Settings):
         cameras: Which cameras are rendered; none makes the drive several times faster.
         image_size: (width, height) in pixels.
         beam_share: Share of each LiDAR's beams and firings, for small drives in tests.
+        map_changes: How many changes are planted into the map; the road stays as it is.
     """
 
     seed: int = Field(default=0, ge=0, lt=2**31)
@@ -96,6 +104,7 @@ class DriveConfig(Settings):
     cameras: tuple[str, ...] = ("cam_front",)
     image_size: tuple[int, int] = (640, 400)
     beam_share: float = Field(default=1.0, gt=0, le=1)
+    map_changes: int = Field(default=0, ge=0, le=10_000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,6 +244,9 @@ def generate_drive(
 ) -> DriveSummary:
     """Write a drive: the log, `rig.yaml`, `map.osm`, and `truth/` with tables and the exact rig.
 
+    `truth/map_changes.json` lists what was changed in the map, `truth/markings.geojson` the paint
+    of the road.
+
     Memory does not grow with the length of the drive. Images are written as JPEG.
 
     Args:
@@ -244,16 +256,20 @@ def generate_drive(
         progress: Called with the share that is done, from 0 to 1.
 
     Raises:
-        UsageError: If a setting is out of range.
+        UsageError: If a setting is out of range, or the drive has no place for all changes.
     """
     from percept.datasets.write import LogWriter
 
     drive = Drive(config)
+    road, street, changes = _maps_of_road(drive)
     truth = out / "truth"
     truth.mkdir(parents=True, exist_ok=True)
     for folder in (out, truth):
         (folder / "rig.yaml").write_text(rig_as_yaml(drive.rig), encoding="utf-8")
-    _write_map_and_poses(drive, out)
+    write_map(street, out / "map.osm")
+    write_markings(road, truth / "markings.geojson")
+    write_changes(changes, truth / "map_changes.json")
+    _write_poses(drive, truth / "poses.parquet")
     log = out / _LOG_NAMES[log_format]
     counts: Counter[str] = Counter()
     with (
@@ -300,13 +316,28 @@ class _TruthLedger:
         self._lights.write(light_rows(drive.world, drive.ego, stamp_ns, drive.cameras))
 
 
-def _write_map_and_poses(drive: Drive, out: Path) -> None:
-    end_m = EGO_START_X_M + EGO_SPEED_MPS * drive.config.seconds
+def _maps_of_road(drive: Drive) -> tuple[StreetMap, StreetMap, list[MapChange]]:
+    """Return the road as it is, its map as it is written, and how the two differ."""
+    config = drive.config
+    blocks = _map_blocks(config.seconds)
+    road = make_map(drive.world, MAP_ORIGIN, blocks)
+    if not config.map_changes:
+        return road, road, []
+    camera = make_cameras(CAMERA_NAMES[:1], config.image_size)[0]
+    sight = DriveSight(drive.world, drive.ego, camera, config.seconds)
+    sites = plan_changes(sight, _map_blocks, config.map_changes)
+    street = make_map(drive.world, MAP_ORIGIN, blocks)
+    return road, street, plant_changes(street, sight, sites, config.seed)
+
+
+def _map_blocks(seconds: float) -> range:
+    """Return the blocks that the map of a drive holds."""
+    end_m = EGO_START_X_M + EGO_SPEED_MPS * seconds
     first = int(np.floor((EGO_START_X_M - _MAP_MARGIN_M) / BLOCK_M))
-    last = int(np.ceil((end_m + _MAP_MARGIN_M) / BLOCK_M))
-    street = make_map(drive.world, MAP_ORIGIN, range(first, last))
-    write_map(street, out / "map.osm")
-    write_markings(street, out / "truth" / "markings.geojson")
+    return range(first, int(np.ceil((end_m + _MAP_MARGIN_M) / BLOCK_M)))
+
+
+def _write_poses(drive: Drive, path: Path) -> None:
     until_ns = START_NS + drive.duration_ns + SCAN_PERIOD_NS
     stamps = np.arange(START_NS, until_ns, _POSE_STEP_NS, dtype=np.int64)
-    write_poses(drive.ego.trajectory(stamps), out / "truth" / "poses.parquet")
+    write_poses(drive.ego.trajectory(stamps), path)

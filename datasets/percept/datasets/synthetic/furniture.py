@@ -26,6 +26,7 @@ __all__ = [
     "make_sign",
     "make_signal",
     "make_tree",
+    "signal_lamps",
 ]
 
 LAMPS = ("red", "yellow", "green")
@@ -105,12 +106,16 @@ def make_sign(rng: np.random.Generator) -> Shape:
     return make_shape("sign", parts)
 
 
+def signal_lamps() -> tuple[float, ...]:
+    """Return the heights of the lamps of a signal head over its foot, in the order of `LAMPS`."""
+    return tuple(0.53 + (1 - i) * _LAMP_PITCH_M for i in range(len(LAMPS)))
+
+
 @lru_cache(maxsize=4)
 def make_signal(lit: str | None) -> Shape:
     """Return one signal head with three lamps, facing +y; `lit` names the lamp that shines."""
     parts = [box((0, 0, 0.53), (0.36, 0.24, 1.06), _HOUSING)]
-    for i, lamp in enumerate(LAMPS):
-        z = 0.53 + (1 - i) * _LAMP_PITCH_M
+    for lamp, z in zip(LAMPS, signal_lamps(), strict=True):
         shines = lamp == lit
         glass = Material((_LIT if shines else _UNLIT)[lamp], 0.2, emission=float(shines))
         parts.append(frustum((0, 0.11, z), (0, 0.13, z), 0.14, glass))

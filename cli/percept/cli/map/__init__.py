@@ -1,0 +1,1 @@
+"""`percept map`: HD maps, by themselves and against the road."""
