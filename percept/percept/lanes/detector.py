@@ -47,6 +47,7 @@ _CLEARLY = 1.2  # how far inside of its bounds a width is, to be taken for a lan
 _LEAST_OTHER = 0.3  # confidence
 _CROSSED = 0.75  # of the lane's width, by a stop line
 _BAR_CONTRAST = 1.0  # of that of a line
+_LEAST_REACH_M = 10.0
 _SHAPE = PaintConfig(reach_m=30.0)  # of the road: far dashes tell it too
 
 
@@ -104,6 +105,9 @@ def _detected(
         notes = (*placed.notes, *(ground.notes if ground.source == "flat" else ()))
         bend = float(np.arctan(ground.grade(ground.x_m[:1])[0]))
         placed = replace(placed, notes=notes, pitch_rad=placed.pitch_rad + bend)
+        # Beyond the last paint that told the road's shape nothing tells where a pixel is.
+        told_m = max(float(ground.x_m[-1]), _LEAST_REACH_M)
+        config = config.model_copy(update={"reach_m": min(config.reach_m, told_m)})
     grid = RoadGrid.over(placed.camera, ground, config)
     smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _BLUR_PX), dtype=np.uint8)
     seen = _Seen.on(grid, smooth, mask, config, whole=placed.metric)

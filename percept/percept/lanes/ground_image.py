@@ -28,6 +28,7 @@ _LEAST_PAINT_M = 8.0
 _LEAST_APART_M = 1.5
 _LEAST_PIECE_M = 0.1
 _TOLD_M = 15.0
+_STEEPEST = 0.2  # grade, against the vehicle: streets have no more than 0.15
 _STEP_M = 0.1  # of the rows that a profile is fitted to
 # What is left of height and grade after the fit: against true profiles of synthetic streets.
 _SD_M, _GRADE_SD = 0.02, 0.005
@@ -81,6 +82,10 @@ def _surface(profile: RoadProfile, place_m: _F64) -> GroundSurface:
     x = place_m[0] + scale * profile.knots_m
     rising = np.append(True, np.diff(np.maximum.accumulate(x)) > _LEAST_PIECE_M)
     x, z = x[rising], (place_m[2] * (1 - scale))[rising]
+    steep = np.abs(np.diff(z) / np.diff(x)) > _STEEPEST
+    if steep[1:].any():  # the edge of a car far ahead was taken for a line
+        last = int(steep[1:].argmax()) + 2
+        x, z = x[:last], z[:last]
     spread = np.hypot(_SD_M, _GRADE_SD * np.maximum(x - place_m[0], 0.0))
     surface = GroundSurface(x_m=x, z_m=z, sd_m=spread, source="lines")
     rise = float(surface.profile(np.array([place_m[0] + _TOLD_M]))[0]) / _TOLD_M
