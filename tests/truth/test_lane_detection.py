@@ -47,20 +47,42 @@ def test_the_numbers_of_the_calibration_are_those_of_its_images(shared_data: Pat
     assert camera.distortion == pytest.approx(CARND_CAMERA.distortion, abs=5e-3)
 
 
-@pytest.mark.parametrize("method", _METHODS)
-def test_tusimple_rows_are_within_20_px(shared_data: Path, method: str) -> None:
+def _tusimple_shares(shared_data: Path, method: str, *, across: bool) -> list[float]:
+    """Return the share of rows within 20 px of the labels, frame by frame."""
     folder = shared_data / "lane" / "tusimple_lanenet" / "training_data_example"
-    along, across = [], []
+    shares = []
     for file in sorted((folder / "image").glob("*.png")):
         truth = ego_lines_of_mask(_image(folder / "gt_instance_image" / file.name)[..., 0])
         found = lane_pixels(detect_lanes(_image(file), None, _config(method)))
-        along.append(rows_within(found, truth, 20.0))
-        across.append(rows_within(found, truth, 20.0, across=True))
-    assert len(across) == 3
-    # In the third frame a car ahead bends the far end, and the labels lie beside the paint.
-    assert sum(share >= 0.95 for share in across) == 2
-    assert min(across) >= 0.7
-    assert np.mean(along) >= 0.85
+        shares.append(rows_within(found, truth, 20.0, across=across))
+    assert len(shares) == 3
+    return shares
+
+
+@pytest.mark.parametrize("method", _METHODS)
+def test_tusimple_rows_are_within_20_px(shared_data: Path, method: str) -> None:
+    shares = _tusimple_shares(shared_data, method, across=False)
+    assert sum(share >= 0.95 for share in shares) == 2
+    assert np.mean(shares) >= 0.85
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(
+            "windows",
+            marks=pytest.mark.xfail(
+                reason="0.74 in the third frame: a car ahead bends the far end of the left line",
+                raises=AssertionError,
+            ),
+        ),
+        "hough",
+    ],
+)
+def test_every_tusimple_frame_is_within_20_px_across_its_lines(
+    shared_data: Path, method: str
+) -> None:
+    assert min(_tusimple_shares(shared_data, method, across=True)) >= 0.85
 
 
 @pytest.mark.parametrize("method", _METHODS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -166,12 +166,12 @@ def _counts(result: MapResult) -> dict[str, Any]:
 
 
 def _not_seen(validation: Validation) -> dict[str, float]:
-    metres: Counter[str] = Counter()
+    metres: defaultdict[str, float] = defaultdict(float)
     for stretch in validation.coverage:
         missing_m = (1 - stretch.observed_share) * stretch.length_m
         if missing_m > 0:
-            metres[stretch.reason or "seen too seldom"] += missing_m  # type: ignore[assignment] # a Counter of metres
-    return dict(metres.most_common())
+            metres[stretch.reason or "seen too seldom"] += missing_m
+    return dict(sorted(metres.items(), key=lambda one: -one[1]))
 
 
 def _facts(counts: Mapping[str, Any]) -> dict[str, str]:
