@@ -48,11 +48,23 @@ def serve(folder: Path, *, port: int = 0, on_ready: Callable[[str], None]) -> No
             proxy_headers=False,
             timeout_graceful_shutdown=2,
         )
+        address = f"http://{_LOOPBACK}:{taken}/?token={token}"
         try:
-            on_ready(f"http://{_LOOPBACK}:{taken}/?token={token}")
-            uvicorn.Server(config).run(sockets=[listener])
+            _Server(config, lambda: on_ready(address)).run(sockets=[listener])
         except KeyboardInterrupt:  # uvicorn ends its work, and hands the signal on
             return
+
+
+class _Server(uvicorn.Server):
+    """Says that it is ready once it is: it listens, and Ctrl-C ends it in order."""
+
+    def __init__(self, config: uvicorn.Config, on_ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._on_ready = on_ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self._on_ready()
 
 
 def _listening(port: int) -> socket.socket:
