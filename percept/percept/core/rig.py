@@ -15,7 +15,15 @@ from percept.core.errors import ConfigError
 from percept.core.settings import Settings, load_yaml_mapping, parse_settings
 from percept.core.transform import Transform, quat_xyzw_from_matrix
 
-__all__ = ["CameraSensor", "LidarSensor", "Rig", "load_rig", "rig_as_yaml"]
+__all__ = [
+    "CameraSensor",
+    "LidarSensor",
+    "Rig",
+    "load_rig",
+    "parse_rig",
+    "rig_as_mapping",
+    "rig_as_yaml",
+]
 
 _Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Vector4 = Annotated[list[float], Field(min_length=4, max_length=4)]
@@ -125,7 +133,20 @@ def load_rig(path: Path) -> Rig:
     Raises:
         ConfigError: If the file is not YAML, or a key, value or transform is not valid.
     """
-    entries = parse_settings(_RigFile, load_yaml_mapping(path), where=path)
+    return parse_rig(load_yaml_mapping(path), where=path)
+
+
+def parse_rig(content: dict[str, Any], *, where: object) -> Rig:
+    """Return the rig that a rig file's content says.
+
+    Args:
+        content: Keys and values of the file.
+        where: Where they are from, for errors.
+
+    Raises:
+        ConfigError: If a key, value or transform is not valid.
+    """
+    entries = parse_settings(_RigFile, content, where=where)
     sensors: dict[str, LidarSensor | CameraSensor] = {}
     for name, entry in entries.sensors.items():
         placed = entry.T_base_sensor
@@ -136,7 +157,7 @@ def load_rig(path: Path) -> Rig:
                 raise ConfigError(
                     f"T_base_sensor of '{name}' is no rigid transform (quaternion length "
                     f"{length:.4g}, expected 1)",
-                    where=path,
+                    where=where,
                 )
             T_base_sensor = Transform.from_quat_xyzw(
                 entries.base_frame, entry.frame, placed.translation_m, placed.quat_xyzw
@@ -157,10 +178,15 @@ def load_rig(path: Path) -> Rig:
     return Rig(entries.base_frame, sensors)
 
 
+def rig_as_mapping(rig: Rig) -> dict[str, Any]:
+    """Return the content of a rig file that `parse_rig` reads back to the same rig."""
+    sensors = {name: _entry(sensor) for name, sensor in rig.sensors.items()}
+    return {"base_frame": rig.base_frame, "sensors": sensors}
+
+
 def rig_as_yaml(rig: Rig) -> str:
     """Return the text of a rig file that `load_rig` reads back to the same rig."""
-    sensors = {name: _entry(sensor) for name, sensor in rig.sensors.items()}
-    content = {"base_frame": rig.base_frame, "sensors": sensors}
+    content = rig_as_mapping(rig)
     text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
     return text
 

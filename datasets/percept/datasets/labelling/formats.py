@@ -1,0 +1,84 @@
+"""What an exporter is, and the table of them that `--format` chooses from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Literal
+
+from percept.datasets.labelling.labelled_set import LabelledSet
+
+__all__ = ["EXPORTERS", "ExportFormat", "Exporter", "export"]
+
+ExportFormat = Literal[
+    "coco", "yolo", "kitti", "kitti-tracking", "nuscenes", "cvat", "label-studio", "openlabel",
+    "sustech", "parquet",
+]  # fmt: skip
+"""The formats, by the names that the command line knows."""
+
+_Export = Callable[[LabelledSet, Path], tuple[str, ...]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exporter:
+    """What writes one format.
+
+    Attributes:
+        module: Module that holds `function`; loaded when it is needed.
+        function: Takes the set and the folder to fill, new and empty; returns what the format
+            cannot hold, as sentences.
+        rectified: Whether its images are those without distortion: it then needs the lens of
+            each camera.
+        solid: Whether it needs 3D: a scan, and the places of LiDARs and cameras.
+    """
+
+    module: str
+    function: str
+    rectified: bool = False
+    solid: bool = False
+
+
+def _of(module: str, *, rectified: bool = False, solid: bool = False) -> Exporter:
+    return Exporter(
+        module=f"percept.datasets.labelling.{module}",
+        function=f"export_{module}",
+        rectified=rectified,
+        solid=solid,
+    )
+
+
+EXPORTERS: dict[ExportFormat, Exporter] = {
+    "coco": _of("coco"),
+    "yolo": _of("yolo"),
+    "kitti": _of("kitti", rectified=True, solid=True),
+    "kitti-tracking": _of("kitti_tracking", rectified=True, solid=True),
+    "nuscenes": _of("nuscenes", rectified=True, solid=True),
+    "cvat": _of("cvat"),
+    "label-studio": _of("label_studio"),
+    "openlabel": _of("openlabel"),
+    "sustech": _of("sustech", rectified=True, solid=True),
+    "parquet": _of("parquet"),
+}
+"""All formats. A set is exported to a folder of the format's name below that of the set."""
+
+
+def export(labelled: LabelledSet, name: ExportFormat, folder: Path) -> tuple[str, ...]:
+    """Write a set in a format.
+
+    Args:
+        labelled: The set.
+        name: The format.
+        folder: Folder to fill; made here.
+
+    Returns:
+        What the format cannot hold, as sentences.
+
+    Raises:
+        InputError: If the set lacks what the format needs.
+    """
+    exporter = EXPORTERS[name]
+    write: _Export = getattr(import_module(exporter.module), exporter.function)
+    folder.mkdir(parents=True)
+    return write(labelled, folder)
