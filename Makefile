@@ -7,11 +7,13 @@ demo: ## install percept and run the main job on the built-in drive
 
 test: ## install everything and pass all checks and tests
 	scripts/setup dev
+	scripts/oracles
 	scripts/check
 	.venv/bin/python -m pytest -n auto -m "not slow"
 
 test-slow: ## the checks that take minutes
 	scripts/setup dev
+	scripts/oracles
 	.venv/bin/python -m pytest -m slow
 
 check: ## format, lint, types
@@ -23,4 +25,4 @@ bench: ## ratios against other tools, on the real recordings beside the checkout
 	scripts/bench
 
 clean: ## remove what the targets above made
-	rm -rf .venv build dist demo .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .oracles build dist demo .hypothesis .mypy_cache .pytest_cache .ruff_cache

@@ -22,6 +22,7 @@ import yaml
 
 from percept.calib import limits
 from percept.cli.app import app
+from percept.cli.dataset.request import PrepareConfig
 from percept.cli.detect import verdict as detect_verdict
 from percept.cli.detect.request import DetectConfig
 from percept.cli.map.validate_request import MapValidateConfig
@@ -32,6 +33,8 @@ from percept.core.results import Verdict
 from percept.core.rig import load_rig
 from percept.core.settings import Settings
 from percept.datasets.inspection import InspectConfig
+from percept.datasets.labelling.dropped import DROPPED
+from percept.datasets.labelling.set_schemas import TABLES as DATASET_TABLES
 from percept.datasets.synthetic.calibration.log import BOARD_COLUMNS
 from percept.datasets.synthetic.truth import BOX_COLUMNS, LIGHT_COLUMNS, OBJECT_COLUMNS
 from percept.detection import agreement
@@ -59,6 +62,7 @@ _NOTEBOOKS = sorted((_ROOT / "notebooks").glob("*.ipynb"))
 # Of pip, the benchmarks, and the scripts that export and train networks.
 _FOREIGN_OPTIONS = {
     "--upgrade",
+    "--no-deps",
     "--data",
     "--grid",
     "--end2end",
@@ -160,7 +164,7 @@ def test_every_option_in_the_docs_exists(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for call in _invocations(text):
         known = [name for name in _OPTIONS if call.startswith(name)]
-        assert known or re.match(r"--|COMMAND|(synth|calib|eval|map)$", call), (
+        assert known or re.match(r"--|COMMAND|(synth|calib|eval|map|dataset)$", call), (
             f"{page.name}: percept {call}"
         )
         named = set(re.findall(r"--[a-z][a-z-]+", call))
@@ -177,7 +181,8 @@ def test_every_option_in_the_docs_exists(page: Path) -> None:
         "detect", "detect quantize", "eval detections", "inspect", "synth drive", "synth calib",
         "calib camera", "calib lidar", "calib camera-lidar", "calib check", "calib export",
         "odometry", "track", "eval tracks", "eval lights", "lanes", "eval lanes", "map info",
-        "map draw", "map check", "map validate", "map review", "eval map",
+        "map draw", "map check", "map validate", "map review", "eval map", "dataset prepare",
+        "dataset check", "dataset import", "dataset diff",
     ],
 )  # fmt: skip
 def test_a_page_names_every_option_of_its_command(command: str) -> None:
@@ -242,6 +247,17 @@ def test_the_settings_of_map_validation_are_complete_and_are_the_defaults() -> N
     assert MapValidateConfig.model_validate(values) == MapValidateConfig()
     elsewhere = {"odometry", "lidar", "models"}  # they have pages of their own
     assert _keys(values) == _keys(MapValidateConfig().model_dump(exclude=elsewhere))
+
+
+def test_the_settings_of_data_sets_are_complete_and_are_the_defaults() -> None:
+    (block,) = _blocks(_section(_page("docs/dataset-prepare.md"), "Settings"), "yaml")
+    values = yaml.safe_load(block)
+    assert PrepareConfig.model_validate(values) == PrepareConfig()
+    values.pop("prelabels")  # they have a page of their own
+    assert _keys(values) == _keys(PrepareConfig().model_dump(exclude={"prelabels"}))
+    text = _page("docs/dataset-prelabels.md")
+    keys = _keys(PrepareConfig().prelabels.model_dump())
+    assert not [key for key in keys if key.rpartition(".")[2] not in text]
 
 
 def test_the_findings_that_are_described_are_those_that_exist() -> None:
@@ -317,6 +333,10 @@ def test_the_rule_in_the_docs_is_the_one_that_ships(tmp_path: Path) -> None:
         ("docs/map-validate.md", DISCREPANCIES.names),
         ("docs/map-validate.md", COVERAGE.names),
         ("docs/map-validate.md", OFFSETS.names),
+        ("docs/dataset-prepare.md", DATASET_TABLES["frames"].names),
+        ("docs/dataset-prepare.md", DATASET_TABLES["boxes_2d"].names),
+        ("docs/dataset-prepare.md", DATASET_TABLES["boxes_3d"].names),
+        ("docs/dataset-prepare.md", DROPPED.names),
         ("docs/synth.md", OBJECT_COLUMNS.names),
         ("docs/synth.md", LIGHT_COLUMNS.names),
         ("docs/synth.md", BOX_COLUMNS.names),
@@ -357,11 +377,12 @@ def test_the_limits_of_calibrations_are_those_of_the_code(name: str) -> None:
 # ---- what a reader types
 
 
-def _follow(page: str, folder: Path) -> None:
-    """Do in a folder what a page shows."""
+def _follow(page: str, folder: Path, instead: tuple[str, str] = ("", "")) -> None:
+    """Do in a folder what a page shows, with another command instead of one of its own."""
     path = Path(sys.executable).parent
     environment = {**os.environ, "PATH": f"{path}:{os.environ['PATH']}"}
-    text = _page(page)
+    assert instead[0] in _page(page)
+    text = _page(page).replace(*instead) if instead[0] else _page(page)
     for language, block in re.findall(r"^```(bash|python)\n(.*?)^```$", text, re.M | re.S):
         shell = ["/bin/sh", "-e", "-c"] if language == "bash" else [sys.executable, "-c"]
         done = subprocess.run(
@@ -432,10 +453,37 @@ def _scores(run: Path) -> dict[str, Any]:
     return scores
 
 
+def test_the_tutorial_of_labelling_runs_as_it_stands(tmp_path: Path) -> None:
+    _follow("docs/tutorial-labelling.md", tmp_path)
+    changes = json.loads((tmp_path / "changes" / "diff.json").read_text())["boxes_2d"]
+    assert (changes["moved"], changes["relabelled"]) == (1, 1)
+    assert (changes["removed"], changes["added"]) == (1, 1)
+
+
+def test_the_tutorial_of_calibration_runs_with_fewer_boards(tmp_path: Path) -> None:
+    whole = "percept synth calib --stops 3 --poses 36 --out stops"
+    fewer = "percept synth calib --stops 2 --poses 8 --out stops"
+    _follow("docs/tutorial-calibration.md", tmp_path, (whole, fewer))
+    assert {_verdict(tmp_path / run) for run in ("lidars", "rig")} == {"good"}
+    assert _verdict(tmp_path / "camera") == "doubtful", "eight boards do not cover the image"
+    _assert_near_the_truth(tmp_path)
+    _assert_files_for_ros_and_autoware(tmp_path)
+
+
+@pytest.mark.slow
 def test_the_tutorial_of_calibration_ends_at_the_truth(tmp_path: Path) -> None:
     _follow("docs/tutorial-calibration.md", tmp_path)
-    for run in ("lidars", "camera", "rig"):
-        assert json.loads((tmp_path / run / "run.json").read_text())["verdict"] == "good", run
+    assert {_verdict(tmp_path / run) for run in ("lidars", "camera", "rig")} == {"good"}
+    _assert_near_the_truth(tmp_path)
+    _assert_files_for_ros_and_autoware(tmp_path)
+
+
+def _verdict(run: Path) -> str:
+    verdict: str = json.loads((run / "run.json").read_text())["verdict"]
+    return verdict
+
+
+def _assert_near_the_truth(tmp_path: Path) -> None:
     truth = load_rig(tmp_path / "stops" / "truth" / "rig.yaml")
     for name, sensor in load_rig(tmp_path / "rig" / "rig.yaml").sensors.items():
         placed = truth.sensors[name].T_base_sensor
@@ -444,6 +492,9 @@ def test_the_tutorial_of_calibration_ends_at_the_truth(tmp_path: Path) -> None:
         error = placed.inverse() @ sensor.T_base_sensor
         assert np.linalg.norm(error.translation_m) < 0.01, name
         assert np.trace(error.rotation) > 1 + 2 * np.cos(np.radians(0.1)), name
+
+
+def _assert_files_for_ros_and_autoware(tmp_path: Path) -> None:
     assert (tmp_path / "tf" / "static_transforms.launch.py").is_file()
     assert (tmp_path / "kit" / "sensor_kit_calibration.yaml").is_file()
 

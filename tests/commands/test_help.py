@@ -36,11 +36,18 @@ _COMMANDS = [
     ["map", "check"],
     ["map", "validate"],
     ["map", "review"],
+    ["dataset"],
+    ["dataset", "prepare"],
+    ["dataset", "check"],
+    ["dataset", "import"],
+    ["dataset", "diff"],
     ["view"],
 ]
 # What examples begin with is done once: the others find its folder, and go on from there.
 _MADE_ONCE = {
     "demo": "percept demo --out demo",
+    "set": "percept dataset prepare --run demo/run --format coco --out set",
+    "back": "percept dataset import set/coco --of set --out back",
     "checked": "percept map validate --bag demo/drive.mcap --map demo/map.osm --out checked",
 }
 _ENVIRONMENT = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

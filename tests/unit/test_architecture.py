@@ -34,7 +34,7 @@ _ARROWS = {
     "evaluation": {"core"},
     "calib": {"core", "lidar"},
     "datasets": {"core", "calib"},
-    "export": {"core", "lidar", "detection", "evaluation", "calib", "hdmap"},
+    "export": {"core", "lidar", "detection", "evaluation", "calib", "hdmap", "datasets"},
     "cli": {
         "core", "lidar", "detection", "tracking", "hdmap", "lights", "lanes", "odometry",
         "evaluation", "calib", "datasets", "export", "review",

@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperGroup
 
 from percept.cli import calib, demo, detect, inspect, synth, view
+from percept.cli.dataset.app import app as dataset_app
 from percept.cli.dependencies import explain_import_error
 from percept.cli.eval import app as eval_app
 from percept.cli.lanes import lanes
@@ -80,6 +81,7 @@ app.add_typer(eval_app, name="eval")
 app.command("odometry")(odometry)
 app.add_typer(map_app, name="map")
 app.command("lanes")(lanes)
+app.add_typer(dataset_app, name="dataset")
 app.command("view")(view.view)
 
 

@@ -32,6 +32,8 @@ class LabelledImage:
             count; of all labels where it is `ANY_LABEL`.
         range_m: (N,) float64 distance of the object; NaN where unknown.
         visible: (N,) float64 share of the object that can be seen, 0..1; NaN where unknown.
+        box_ids: (N,) int64 number that the source gives each box, from 1; 0 where it has none.
+        track_ids: (N,) int64 number of the object over several images; -1 where it has none.
 
     Raises:
         GeometryError: If the columns do not have one length, or a box is not finite or has its
@@ -46,10 +48,13 @@ class LabelledImage:
     ignore: NDArray[np.bool_]
     range_m: NDArray[np.float64]
     visible: NDArray[np.float64]
+    box_ids: NDArray[np.int64]
+    track_ids: NDArray[np.int64]
 
     def __post_init__(self) -> None:
         count = len(self.labels)
-        columns = [self.ignore, self.range_m, self.visible]
+        columns: list[NDArray[np.generic]] = [self.ignore, self.range_m, self.visible]
+        columns += [self.box_ids, self.track_ids]
         columns += [] if self.confidences is None else [self.confidences]
         shapes = [column.shape for column in columns]
         if self.boxes_px.shape != (count, 4) or any(shape != (count,) for shape in shapes):
@@ -77,6 +82,8 @@ class LabelledImage:
         ignore: ArrayLike | None = None,
         range_m: ArrayLike | None = None,
         visible: ArrayLike | None = None,
+        box_ids: ArrayLike | None = None,
+        track_ids: ArrayLike | None = None,
     ) -> Self:
         """Return an image with these boxes; what is left out is unknown, and no box is ignored."""
         count = len(labels)
@@ -90,6 +97,8 @@ class LabelledImage:
             np.zeros(count, bool) if ignore is None else np.asarray(ignore, dtype=bool),
             unknown if range_m is None else np.asarray(range_m, dtype=np.float64),
             unknown if visible is None else np.asarray(visible, dtype=np.float64),
+            np.zeros(count, np.int64) if box_ids is None else np.asarray(box_ids, np.int64),
+            np.full(count, -1) if track_ids is None else np.asarray(track_ids, np.int64),
         )
 
 

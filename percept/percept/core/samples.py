@@ -126,10 +126,13 @@ class CameraImage(Sample):
     Attributes:
         pixels: (H, W) or (H, W, 3); colour is BGR. uint8, uint16 or float32.
         encoding: What the message said, such as `rgb8`, `bayer_rggb8` or `jpeg`.
+        file: The JPEG or PNG file that the image was recorded as, if it shows just these pixels
+            to any reader; None where there is none.
     """
 
     pixels: NDArray[Any]
     encoding: str = ""
+    file: bytes | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -20,9 +20,9 @@ from percept.export.scan_table import read_scans
 from percept.export.table_reader import column, columns, read_batches, row_groups, texts
 from percept.export.tables import DETECTIONS_2D, DETECTIONS_3D, PIXEL_COLUMNS
 
-__all__ = ["read_detections_2d", "read_detections_3d"]
+__all__ = ["BOXES_2D", "boxes_by_model", "read_detections_2d", "read_detections_3d"]
 
-_BOXES_2D = pa.schema(
+BOXES_2D = pa.schema(
     [
         DETECTIONS_2D.field(name)
         for name in (
@@ -36,6 +36,8 @@ _BOXES_2D = pa.schema(
         )
     ]
 )
+"""Columns of `detections_2d.parquet` that make boxes; `light_state` may have empty cells."""
+
 _LOOKS = pa.schema([IMAGES_2D.field(name) for name in ("frame", "stamp_ns", "camera", "model")])
 
 
@@ -89,22 +91,43 @@ def read_detections_2d(
                 images[look["frame"]] = (look["stamp_ns"], look["camera"])
     order = sorted(images, key=lambda frame: (*images[frame], frame))
     for frame, rows in _in_order(
-        path, order, listed, read_batches(path, _BOXES_2D, may_lack=("light_state",))
+        path, order, listed, read_batches(path, BOXES_2D, may_lack=("light_state",))
     ):
         stamp_ns, camera = images[frame]
         yield _image_boxes(stamp_ns, camera, rows, models)
 
 
+def boxes_by_model(
+    stamp_ns: int, camera: str, rows: pa.RecordBatch, models: Iterable[str]
+) -> dict[str, Detections2D]:
+    """Return the boxes of each network in one image, those without a box too.
+
+    Args:
+        stamp_ns: Time of the image.
+        camera: Name of the camera.
+        rows: Its rows, with the schema `BOXES_2D`.
+        models: The networks that looked at it.
+    """
+    of = np.array(texts(rows, "model"), dtype=object)
+    return {
+        model: _boxes(stamp_ns, camera, rows.filter(pa.array(of == model, type=pa.bool_())))
+        for model in models
+    }
+
+
 def _image_boxes(
     stamp_ns: int, camera: str, rows: pa.RecordBatch | None, models: Collection[str] | None
 ) -> Detections2D:
-    boxes = _no_rows(_BOXES_2D) if rows is None else rows
+    boxes = _no_rows(BOXES_2D) if rows is None else rows
     taken = (
         column(boxes, "primary")
         if models is None
         else np.array([model in models for model in texts(boxes, "model")], dtype=bool)
     )
-    boxes = boxes.filter(pa.array(taken, type=pa.bool_()))
+    return _boxes(stamp_ns, camera, boxes.filter(pa.array(taken, type=pa.bool_())))
+
+
+def _boxes(stamp_ns: int, camera: str, boxes: pa.RecordBatch) -> Detections2D:
     return Detections2D(
         stamp_ns=stamp_ns,
         camera=camera,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 
 from percept.core.errors import InputError
 
-__all__ = ["column", "columns", "has_column", "read_batches", "row_groups", "texts"]
+__all__ = ["column", "columns", "group_ends", "has_column", "read_batches", "row_groups", "texts"]
 
 _ROWS_PER_BATCH = 65_536
 
 
 def read_batches(
-    path: Path, schema: pa.Schema, *, may_lack: Collection[str] = ()
+    path: Path,
+    schema: pa.Schema,
+    *,
+    may_lack: Collection[str] = (),
+    groups: Sequence[int] | None = None,
 ) -> Iterator[pa.RecordBatch]:
     """Yield the rows of a table with exactly the columns and types of a schema.
 
@@ -31,6 +35,7 @@ def read_batches(
         path: A Parquet file.
         schema: The columns that are needed.
         may_lack: Names of columns that may have empty cells, or numbers that are not finite.
+        groups: Numbers of the row groups to read; None reads all.
 
     Raises:
         InputError: If the file cannot be read, lacks a column, or a column has the wrong type,
@@ -38,11 +43,22 @@ def read_batches(
     """
     with _opened(path) as file:
         _check_columns(path, file.schema_arrow, schema)
-        for batch in file.iter_batches(_ROWS_PER_BATCH, columns=schema.names):
+        for batch in file.iter_batches(_ROWS_PER_BATCH, row_groups=groups, columns=schema.names):
             rows = batch.select(schema.names).cast(schema)
             rows.validate(full=True)
             _check_cells(path, rows.drop_columns(list(may_lack)))
             yield rows
+
+
+def group_ends(path: Path) -> NDArray[np.int64]:
+    """Return (G,) the number of rows up to the end of each row group of a table.
+
+    Raises:
+        InputError: If the file cannot be read.
+    """
+    with _opened(path) as file:
+        sizes = [file.metadata.row_group(n).num_rows for n in range(file.metadata.num_row_groups)]
+    return np.cumsum(np.array(sizes, dtype=np.int64))
 
 
 def has_column(path: Path, name: str) -> bool:

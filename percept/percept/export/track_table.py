@@ -12,7 +12,7 @@ from percept.core.results import Tracks
 from percept.export.table_reader import column, columns, read_batches, row_groups, texts
 from percept.export.tables import BOX_COLUMNS
 
-__all__ = ["TRACKS", "read_tracks", "track_rows"]
+__all__ = ["TRACKS", "TRACKS_MAY_LACK", "read_tracks", "track_rows", "tracks_of"]
 
 TRACKS = pa.schema(
     [
@@ -36,6 +36,9 @@ TRACKS = pa.schema(
 Metres, rad and m/s in the frame `frame_id`, which does not move; see `percept.core.results.Tracks`.
 `score` is null where it is not known. A moment without a track has no row.
 """
+
+TRACKS_MAY_LACK = ("score",)
+"""Columns of `tracks.parquet` that may have empty cells."""
 
 
 def track_rows(tracks: Tracks) -> pa.RecordBatch:
@@ -66,22 +69,36 @@ def read_tracks(path: Path) -> Iterator[Tracks]:
         InputError: If the file is no such table, its rows are not in order of time, or one
             moment has several frames.
     """
-    batches = read_batches(path, TRACKS, may_lack=("score",))
-    for stamp_ns, rows in row_groups(path, batches, "stamp_ns"):
-        frame_id, *others = sorted(set(texts(rows, "frame_id")))
-        if others:
-            raise InputError(f"time {stamp_ns} has several frames", where=path)
-        yield Tracks(
-            stamp_ns=stamp_ns,
-            frame_id=frame_id,
-            ids=column(rows, "track_id"),
-            boxes_m=columns(rows, BOX_COLUMNS),
-            velocities_mps=columns(rows, ("vx", "vy")),
-            labels=texts(rows, "label"),
-            label_probabilities=column(rows, "label_probability"),
-            states=texts(rows, "state"),
-            position_sd_m=column(rows, "position_sd_m"),
-            velocity_sd_mps=column(rows, "velocity_sd_mps"),
-            observed=column(rows, "observed"),
-            scores=column(rows, "score"),
-        )
+    batches = read_batches(path, TRACKS, may_lack=TRACKS_MAY_LACK)
+    for _, rows in row_groups(path, batches, "stamp_ns"):
+        yield tracks_of(path, rows)
+
+
+def tracks_of(path: Path, rows: pa.RecordBatch) -> Tracks:
+    """Return the tracks of one moment from its rows, of which there is one at least.
+
+    Args:
+        path: The file that the rows are from.
+        rows: With the schema `TRACKS`.
+
+    Raises:
+        InputError: If the moment has several frames.
+    """
+    stamp_ns = int(column(rows, "stamp_ns")[0])
+    frame_id, *others = sorted(set(texts(rows, "frame_id")))
+    if others:
+        raise InputError(f"time {stamp_ns} has several frames", where=path)
+    return Tracks(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        ids=column(rows, "track_id"),
+        boxes_m=columns(rows, BOX_COLUMNS),
+        velocities_mps=columns(rows, ("vx", "vy")),
+        labels=texts(rows, "label"),
+        label_probabilities=column(rows, "label_probability"),
+        states=texts(rows, "state"),
+        position_sd_m=column(rows, "position_sd_m"),
+        velocity_sd_mps=column(rows, "velocity_sd_mps"),
+        observed=column(rows, "observed"),
+        scores=column(rows, "score"),
+    )

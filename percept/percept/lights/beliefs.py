@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.core.light_words import Reading
 from percept.lights.chain import LightChain
 from percept.lights.config import DecisionConfig
 from percept.lights.decision import decide
 from percept.lights.states import LightStateSpace
-from percept.lights.words import Reading
 
 __all__ = ["Beliefs", "Sightings", "likelihoods", "observe", "predict"]
 

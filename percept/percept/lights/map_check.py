@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from percept.core.light_words import light_label
 from percept.core.map_findings import Discrepancy, Kind, Look
 from percept.core.results import Detections2D
 from percept.core.rig import CameraSensor
@@ -25,7 +26,6 @@ from percept.hdmap.light import MapLight
 from percept.lights.association import match_lights
 from percept.lights.projection import ProjectionConfig, project_lights
 from percept.lights.rays import RayCluster, RayClusters
-from percept.lights.words import light_label
 
 __all__ = ["LightCheckConfig", "LightFindings", "LightMapChecker"]
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.core.light_words import Reading, light_label
 from percept.core.results import Detections2D
 from percept.core.rig import CameraSensor
 from percept.core.transform import Transform
@@ -16,7 +17,6 @@ from percept.hdmap.light import MapLight
 from percept.lights.association import match_lights
 from percept.lights.config import DetectorConfig, LightConfig
 from percept.lights.projection import project_lights
-from percept.lights.words import Reading, light_label
 
 __all__ = ["LightBoxes", "light_boxes", "match_to_map"]
 

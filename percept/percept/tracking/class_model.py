@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.core.class_words import common_word, kind_of_word, plain_word
 from percept.tracking.config import TrackerConfig
 
 __all__ = ["ClassModel", "class_of_word"]
@@ -24,30 +25,14 @@ _MOST_CONFIDENCE = 0.98
 _FOCUS = 2.0
 _LEAST_PROBABILITY = 0.01
 
-_ALIASES = {
-    "person": "pedestrian", "people": "pedestrian", "person_sitting": "pedestrian",
-    "walker": "pedestrian", "stroller": "pedestrian", "wheelchair": "pedestrian",
-    "bicycle": "cyclist", "bicyclist": "cyclist", "motorcycle": "cyclist", "rider": "cyclist",
-    "motorbike": "cyclist", "motorcyclist": "cyclist", "wheeled_rider": "cyclist",
-    "van": "car", "vehicle": "car", "regular_vehicle": "car", "suv": "car", "pickup": "car",
-    "bus": "truck", "box_truck": "truck", "large_vehicle": "truck", "truck_cab": "truck",
-    "trailer": "truck", "vehicular_trailer": "truck", "school_bus": "truck",
-    "articulated_bus": "truck", "construction_vehicle": "truck", "tram": "truck",
-    "traffic_cone": "cone", "construction_cone": "cone", "construction_barrel": "barrel",
-    "traffic_barrel": "barrel", "barrier": "barricade", "stop_sign": "sign",
-    "traffic_sign": "sign", "animal": "deer", "misc": "unknown",
-}  # fmt: skip
-
 
 def class_of_word(word: str, classes: Mapping[str, int]) -> int:
     """Return the index of the class that a detector's word stands for, or -1.
 
     Case, blanks and hyphens do not matter. A word that is a class itself stands for that.
     """
-    if word in classes:
-        return classes[word]
-    plain = word.strip().lower().replace(" ", "_").replace("-", "_")
-    return classes.get(plain, classes.get(_ALIASES.get(plain, ""), -1))
+    words = (word, plain_word(word), common_word(word), kind_of_word(word))
+    return next((classes[word] for word in words if word in classes), -1)
 
 
 class ClassModel:

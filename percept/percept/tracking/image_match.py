@@ -9,13 +9,13 @@ other only the nearer one can be what is seen.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy.optimize import linear_sum_assignment
 
+from percept.core.box_edges import NEAR_PLANE_M, box_corners, project_edges
 from percept.core.cameras import Camera
 from percept.core.settings import Settings
 from percept.core.transform import Transform
@@ -24,13 +24,8 @@ __all__ = ["ImageMatchConfig", "ProjectedBoxes", "match_in_image", "project_boxe
 
 _F64 = NDArray[np.float64]
 
-_NEAR_PLANE_M = 0.1
 _THINNEST_PX = 1e-3  # a box without area is compared as if it had one
 _SAMPLES_PER_EDGE = 5  # distortion bends the edges of a box, so its corners are not enough
-_CORNERS = np.array(list(product((-0.5, 0.5), repeat=3)))
-_EDGES = np.array(
-    [(a, b) for a in range(8) for b in range(a) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 1]
-)
 
 
 class ImageMatchConfig(Settings):
@@ -88,17 +83,15 @@ def project_boxes(boxes_m: _F64, T_camera_inertial: Transform, camera: Camera) -
         camera: Its intrinsics.
     """
     centres = T_camera_inertial.apply(boxes_m[:, :3])
-    corners = T_camera_inertial.apply(_corners(boxes_m).reshape(-1, 3)).reshape(-1, 8, 3)
-    points, kept = _sample_edges(corners)
-    pixels = np.full((*points.shape[:2], 2), np.nan)
-    pixels[kept] = _project(points[kept], camera)
+    corners = T_camera_inertial.apply(box_corners(boxes_m).reshape(-1, 3)).reshape(-1, 8, 3)
+    pixels, kept = project_edges(boxes_m, T_camera_inertial, camera, _SAMPLES_PER_EDGE)
     width, height = camera.image_size
     border = np.array([width, height], dtype=np.float64) - 0.5
     low = np.where(kept[:, :, None], pixels, np.inf).min(axis=1, initial=np.inf)
     high = np.where(kept[:, :, None], pixels, -np.inf).max(axis=1, initial=-np.inf)
     boxes = np.hstack([np.clip(low, -0.5, border), np.clip(high, -0.5, border)])
     boxes[~kept.any(axis=1)] = 0.0
-    return ProjectedBoxes(boxes, centres[:, 2], corners[..., 2].min(axis=1) > _NEAR_PLANE_M)
+    return ProjectedBoxes(boxes, centres[:, 2], corners[..., 2].min(axis=1) > NEAR_PLANE_M)
 
 
 def match_in_image(
@@ -166,38 +159,6 @@ def _visible(projected: ProjectedBoxes, config: ImageMatchConfig) -> NDArray[np.
     covered = np.where(hides, _intersections(boxes, boxes), 0.0).max(axis=1, initial=0.0)
     visible: NDArray[np.bool_] = large & (covered < config.hidden_share * sizes.prod(axis=1))
     return visible
-
-
-def _corners(boxes_m: _F64) -> _F64:
-    """Return (N, 8, 3) corners."""
-    local = _CORNERS * boxes_m[:, None, 3:6]
-    cos, sin = np.cos(boxes_m[:, 6:7]), np.sin(boxes_m[:, 6:7])
-    x = cos * local[..., 0] - sin * local[..., 1]
-    y = sin * local[..., 0] + cos * local[..., 1]
-    return boxes_m[:, None, :3] + np.stack([x, y, local[..., 2]], axis=2)
-
-
-def _sample_edges(corners: _F64) -> tuple[_F64, NDArray[np.bool_]]:
-    """Return (N, S, 3) points on the edges in front of the near plane, and which there are."""
-    start, end = corners[:, _EDGES[:, 0]], corners[:, _EDGES[:, 1]]
-    ahead = np.stack([start[..., 2], end[..., 2]], axis=2) - _NEAR_PLANE_M
-    rise = ahead[..., 1] - ahead[..., 0]
-    crossing = -ahead[..., 0] / np.where(rise == 0, 1.0, rise)
-    low = np.where(ahead[..., 0] < 0, crossing, 0.0)
-    high = np.where(ahead[..., 1] < 0, crossing, 1.0)
-    shares = low[..., None] + np.linspace(0, 1, _SAMPLES_PER_EDGE) * (high - low)[..., None]
-    points = start[:, :, None] + shares[..., None] * (end - start)[:, :, None]
-    kept = np.broadcast_to(ahead.max(axis=2)[..., None] > 0, shares.shape)
-    samples = len(_EDGES) * _SAMPLES_PER_EDGE
-    return points.reshape(-1, samples, 3), kept.reshape(-1, samples)
-
-
-def _project(points_cam: _F64, camera: Camera) -> _F64:
-    radius = np.hypot(points_cam[:, 0], points_cam[:, 1])
-    widest = np.tan(camera.widest_rad) * points_cam[:, 2]
-    inward = np.minimum(1.0, widest / np.maximum(radius, 1e-12))
-    pixels, _ = camera.project(points_cam * np.column_stack([inward, inward, np.ones_like(inward)]))
-    return pixels
 
 
 def _sizes(boxes_px: _F64) -> _F64:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from percept.core.light_words import Reading, light_label
 from percept.core.results import Detections2D
 from percept.core.samples import CameraImage
 from percept.detection.result import ImageResult
 from percept.lights.colours import UNKNOWN, classify_light_crops, light_crops
-from percept.lights.words import Reading, light_label
 
 __all__ = ["with_light_states"]
 

@@ -19,6 +19,8 @@ class _Format(StrEnum):
     COCO = "coco"
     YOLO = "yolo"
     KITTI = "kitti"
+    CVAT = "cvat"
+    LABEL_STUDIO = "label-studio"
     PARQUET = "parquet"
 
 
@@ -38,7 +40,8 @@ def detections(
         typer.Option(
             "--labels",
             help="What is there: the truth folder of a synthetic drive, a COCO file of "
-            "instances, a YOLO data set, or KITTI's label_2.",
+            "instances, a YOLO data set, KITTI's label_2, CVAT's annotations.xml, or Label "
+            "Studio's JSON.",
             show_default=False,
         ),
     ],

@@ -99,6 +99,14 @@ class PoseFinder:
                 raise
             return self.by_lidar()
 
+    def in_log(self) -> FoundPoses | None:
+        """Return the best poses that the log has ready; None where it has no topic for them.
+
+        Raises:
+            PerceptError: If those that it has are of no use.
+        """
+        return self._in_log("auto") if self._topics.names() else None
+
     def others(self, found: FoundPoses) -> list[FoundPoses]:
         """Return the poses of the other sources that the log has ready, to compare with."""
         topics = self._topics

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from percept.core.errors import DecodeError
 from percept.datasets.messages import RosMessage
 
-__all__ = ["ENCODED_FORMATS", "pixels_of_compressed", "pixels_of_file_bytes", "pixels_of_image"]
+__all__ = [
+    "ENCODED_FORMATS",
+    "pixels_of_compressed",
+    "pixels_of_file_bytes",
+    "pixels_of_image",
+    "recorded_file",
+]
 
 ENCODED_FORMATS = {b"\xff\xd8\xff": "jpeg", b"\x89PNG\r\n\x1a\n": "png"}
 """First bytes of the image files that are read."""
@@ -182,6 +188,20 @@ def pixels_of_compressed(
     if colours.startswith("bayer_") and pixels.ndim == 2:
         pixels = _as_bgr(pixels, colours, topic)
     return pixels, file_format
+
+
+def recorded_file(data: NDArray[np.uint8], description: str) -> bytes | None:
+    """Return the file in a `sensor_msgs/CompressedImage`, or None where others read it otherwise.
+
+    Colours in another order than files have, mosaics and depths are nothing for image viewers.
+
+    Args:
+        data: (N,) uint8 as in `pixels_of_compressed`, which has read it.
+        description: The message's format.
+    """
+    said = description.lower()
+    as_it_looks = "rgb" not in said.partition("compressed")[2] and not said.startswith("bayer_")
+    return bytes(data) if as_it_looks and "compresseddepth" not in said else None
 
 
 def _depth_pixels(content: bytes, description: str, topic: str) -> NDArray[Any]:

@@ -27,7 +27,7 @@ from percept.core.samples import (
     TransformSample,
 )
 from percept.core.transform import Transform
-from percept.datasets.decoding.images import pixels_of_compressed, pixels_of_image
+from percept.datasets.decoding.images import pixels_of_compressed, pixels_of_image, recorded_file
 from percept.datasets.decoding.point_cloud2 import records_of_livox, records_of_point_cloud2
 from percept.datasets.decoding.point_records import cloud_from_records
 from percept.datasets.messages import RosMessage
@@ -103,7 +103,8 @@ def _image(message: RosMessage, head: SampleHead, _: Counter[str]) -> list[Sampl
 
 def _compressed_image(message: RosMessage, head: SampleHead, _: Counter[str]) -> list[Sample]:
     pixels, encoding = pixels_of_compressed(message.data, message.format, head.topic)
-    return [CameraImage(**head.fields(), pixels=pixels, encoding=encoding)]
+    file = recorded_file(message.data, message.format)
+    return [CameraImage(**head.fields(), pixels=pixels, encoding=encoding, file=file)]
 
 
 def _camera_info(message: RosMessage, head: SampleHead, _: Counter[str]) -> list[Sample]:

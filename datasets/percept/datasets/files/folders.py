@@ -164,6 +164,7 @@ class FolderRecording:
             frame=frame,
             pixels=pixels,
             encoding=encoding,
+            file=content,
         )
 
     def envelopes(self, *, topics: Collection[str] | None = None) -> Iterator[Envelope]:

@@ -230,7 +230,7 @@ class Drive:
 
     Attributes:
         name: Short, safe in file names, made of the log's name and its content: it stays when
-            logs are added. Letters, digits, `-` and `.` only.
+            logs are added. Letters, digits, `-`, `_` and `.` only.
         log: The log as the user named it.
         fingerprint: Hexadecimal digest of its first part.
         start_ns: Time of its first message.

@@ -9,11 +9,14 @@ from pathlib import Path
 from percept.core.errors import InputError
 from percept.core.labels import LabelledImage
 
-__all__ = ["BoxRows", "as_number", "read_text_lines"]
+__all__ = ["BoxRows", "as_box_id", "as_number", "as_track_id", "read_text_lines"]
 
 _LARGEST_PX = 1e6
 _LARGEST_FILE_BYTES = 16 * 1024 * 1024
 _ROUNDING = 1e-6
+_LARGEST_ID = 2**53  # the largest that every program keeps
+_LONGEST_ID = 16
+_NO_TRACK = -1
 
 
 class BoxRows:
@@ -33,6 +36,8 @@ class BoxRows:
         self._ignore: list[bool] = []
         self._range_m: list[float] = []
         self._visible: list[float] = []
+        self._box_ids: list[int] = []
+        self._track_ids: list[int] = []
 
     def add(
         self,
@@ -43,8 +48,10 @@ class BoxRows:
         ignore: bool = False,
         range_m: float = math.nan,
         visible: float = math.nan,
+        box_id: int = 0,
+        track_id: int = _NO_TRACK,
     ) -> None:
-        """Add a box x1, y1, x2, y2.
+        """Add a box x1, y1, x2, y2; its number is 0, and its track -1, where it has none.
 
         Raises:
             InputError: If a confidence is finite and not in 0..1.
@@ -61,6 +68,8 @@ class BoxRows:
         self._ignore.append(ignore)
         self._range_m.append(range_m if 0 <= range_m < math.inf else math.nan)
         self._visible.append(visible)
+        self._box_ids.append(box_id)
+        self._track_ids.append(track_id)
 
     def image(self, name: str, image_size: tuple[int, int] | None = None) -> LabelledImage:
         """Return the image with its boxes.
@@ -80,6 +89,8 @@ class BoxRows:
             ignore=self._ignore,
             range_m=self._range_m,
             visible=self._visible,
+            box_ids=self._box_ids,
+            track_ids=self._track_ids,
         )
 
     def _checked(self, confidence: float) -> float:
@@ -113,6 +124,26 @@ def as_number(value: object) -> float:
         return float(value)
     except OverflowError:
         return math.nan
+
+
+def as_box_id(value: object) -> int:
+    """Return the number of a box, given as a number or its digits; 0 for what is none."""
+    number = _whole(value)
+    return number if number is not None and number > 0 else 0
+
+
+def as_track_id(value: object) -> int:
+    """Return the number of a track, given as a number or its digits; -1 for what is none."""
+    number = _whole(value)
+    return number if number is not None and number >= 0 else _NO_TRACK
+
+
+def _whole(value: object) -> int | None:
+    if isinstance(value, str) and len(value) <= _LONGEST_ID and value.isascii():
+        value = int(value) if value.isdecimal() else None
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _LARGEST_ID:
+        return None
+    return value
 
 
 def read_text_lines(path: Path) -> list[tuple[int, list[str]]]:

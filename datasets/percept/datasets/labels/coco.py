@@ -11,7 +11,7 @@ from typing import Any
 
 from percept.core.errors import InputError
 from percept.core.labels import LabelSet
-from percept.datasets.labels.boxes import BoxRows, as_number
+from percept.datasets.labels.boxes import BoxRows, as_box_id, as_number, as_track_id
 
 __all__ = ["holds_coco_results", "read_coco", "read_coco_results"]
 
@@ -37,14 +37,17 @@ def holds_coco_results(path: Path) -> bool:
         raise InputError(f"cannot be read ({error.strerror})", where=path) from error
 
 
-def read_coco(path: Path) -> LabelSet:
+def read_coco(path: Path, *, from_tool: bool = False) -> LabelSet:
     """Read a file of instances; `score` in the annotations becomes the confidence.
 
-    Crowds (`iscrowd`) become ignored regions. Images are named by `file_name`, or by their number
+    Crowds (`iscrowd`) become ignored regions; `id` is the box's number, and `track_id`, also among
+    `attributes`, its object's. Images are named by `file_name`, or by their number
     where there is none.
 
     Args:
         path: The JSON file.
+        from_tool: Whether people edited it: `score`, which some boxes then have, is not read, and
+            a file name that leads out of the data set is one that matches nothing.
 
     Raises:
         InputError: If the file is none of instances, or ids or names of images or categories come
@@ -54,12 +57,14 @@ def read_coco(path: Path) -> LabelSet:
     if not isinstance(document, dict):
         raise InputError("holds no COCO instances", where=path, remedy=_REMEDY)
     dropped: Counter[str] = Counter()
-    images = dict(_images(document, path, dropped))
+    images = dict(_images(document, path, dropped, lenient=from_tool))
     categories = dict(_categories(document, path))
     rows = {number: BoxRows(path, dropped) for number in images}
     ids: Counter[object] = Counter()
     for entry in _entries(document, "annotations", path):
         ids[str(entry.get("id"))] += 1
+        if from_tool:
+            entry.pop("score", None)
         _add(entry, rows, categories, dropped)
     twice = sum(count > 1 for name, count in ids.items() if name != "None")
     return LabelSet(
@@ -134,13 +139,13 @@ def _entries(document: Mapping[str, object], key: str, path: Path) -> list[dict[
 
 
 def _images(
-    document: Mapping[str, object], path: Path, dropped: Counter[str]
+    document: Mapping[str, object], path: Path, dropped: Counter[str], *, lenient: bool
 ) -> Iterator[tuple[int, _Image]]:
     numbers: set[int] = set()
     names: set[str] = set()
     for entry in _entries(document, "images", path):
         number = _id(entry.get("id"), "image", path)
-        name = _name(entry.get("file_name", str(number)), path)
+        name = _name(entry.get("file_name", str(number)), path, lenient=lenient)
         if number in numbers or name in names:
             what = f"two images have the id {number} or the file name '{name}'"
             raise InputError(what, where=path, remedy="Give each image once")
@@ -167,11 +172,13 @@ def _id(value: object, kind: str, path: Path) -> int:
     return value
 
 
-def _name(value: object, path: Path) -> str:
+def _name(value: object, path: Path, *, lenient: bool) -> str:
     """Return a file name below the data set, absolute ones without their root."""
     if not isinstance(value, str) or not value.strip():
         raise InputError("an image has no file name", where=path)
     name = PurePosixPath(PureWindowsPath(value).as_posix() if "\\" in value else value)
+    if ".." in name.parts and lenient:
+        return value
     if ".." in name.parts:
         raise InputError(f"the file name '{value[:80]}' leads out of the data set", where=path)
     return str(name.relative_to(name.anchor))
@@ -213,4 +220,12 @@ def _add(
         (x, y, x + width, y + height),
         confidence=confidence,
         ignore=as_number(entry.get("iscrowd")) == 1,
+        box_id=0 if scored else as_box_id(entry.get("id")),
+        track_id=as_track_id(_attribute(entry, "track_id")),
     )
+
+
+def _attribute(entry: Mapping[str, object], name: str) -> object:
+    """Return what an annotation says beyond COCO, by itself or in `attributes` as tools write."""
+    attributes = entry.get("attributes")
+    return entry.get(name, attributes.get(name) if isinstance(attributes, dict) else None)

@@ -10,7 +10,7 @@ from percept.core.errors import InputError
 from percept.core.labels import ANY_LABEL, LabelledImage, LabelSet
 from percept.datasets.labels.boxes import BoxRows, read_text_lines
 
-__all__ = ["kitti_folder", "looks_like_kitti", "read_kitti"]
+__all__ = ["kitti_folder", "kitti_objects", "looks_like_kitti", "read_kitti"]
 
 _COLUMNS = 15
 _DONT_CARE = "DontCare"
@@ -49,8 +49,13 @@ def read_kitti(path: Path) -> LabelSet:
     return LabelSet(images, dropped=dict(dropped), files=tuple(files))
 
 
-def _read_file(file: Path, dropped: Counter[str]) -> LabelledImage:
-    rows = BoxRows(file, dropped)
+def kitti_objects(file: Path) -> list[tuple[str, list[float]]]:
+    """Return the objects of a label file: class, and the 14 numbers or 15 with a score after it.
+
+    Raises:
+        InputError: If the file cannot be read, or a line is none of KITTI's.
+    """
+    found = []
     for number, words in read_text_lines(file):
         if not looks_like_kitti(words):
             raise InputError(
@@ -58,23 +63,28 @@ def _read_file(file: Path, dropped: Counter[str]) -> LabelledImage:
                 f"label has a class and {_COLUMNS - 1} numbers, and a result a score",
                 where=file,
             )
-        _add(rows, words, file, number)
+        try:
+            found.append((words[0], [float(word) for word in words[1:]]))
+        except ValueError as error:
+            raise InputError(f"line {number}: {error}", where=file) from error
+    return found
+
+
+def _read_file(file: Path, dropped: Counter[str]) -> LabelledImage:
+    rows = BoxRows(file, dropped)
+    for label, values in kitti_objects(file):
+        _add(rows, label, values)
     return rows.image(file.stem)
 
 
-def _add(rows: BoxRows, words: list[str], file: Path, line: int) -> None:
-    try:
-        values = [float(word) for word in words[1:]]
-    except ValueError as error:
-        raise InputError(f"line {line}: {error}", where=file) from error
+def _add(rows: BoxRows, label: str, values: list[float]) -> None:
     x1, y1, x2, y2 = values[3:7]
     x_m, z_m = values[10], values[12]
-    ignored = words[0] == _DONT_CARE
-    confidence = values[14] if len(values) == _COLUMNS else None
+    ignored = label == _DONT_CARE
     rows.add(
-        ANY_LABEL if ignored else words[0],
+        ANY_LABEL if ignored else label,
         (x1, y1, x2, y2),
-        confidence=confidence,
+        confidence=values[14] if len(values) == _COLUMNS else None,
         ignore=ignored,
         range_m=math.hypot(x_m, z_m) if min(x_m, z_m) > _UNKNOWN_M else math.nan,
     )

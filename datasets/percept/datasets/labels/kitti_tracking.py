@@ -8,7 +8,7 @@ by their centre.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,7 @@ _COLUMNS = 17
 _DETECTION_COLUMNS = 15
 _TYPES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 _DIGITS = 6
+_UNKNOWN_PLACE = [-1000.0] * 3
 
 _F64 = NDArray[np.float64]
 _Row = tuple[int, int, int, str, list[float]]  # line, frame, id, class, numbers
@@ -42,7 +43,8 @@ _Row = tuple[int, int, int, str, list[float]]  # line, frame, id, class, numbers
 def read_kitti_tracks(path: Path) -> TrackedBoxes:
     """Read labels (`label_02/NNNN.txt`) or tracks, which have a score as an 18th column.
 
-    Regions of `DontCare` have the id -1 and no box in space.
+    Regions of `DontCare` have the id -1 and no box in space; where KITTI's numbers for an unknown
+    box stand (size -1, place -1000) there is none either.
 
     Raises:
         InputError: If a line is none of the format; it names the file and the line.
@@ -156,7 +158,8 @@ def _table(rows: Iterator[_Row], path: Path) -> TrackedBoxes:
     values = np.array([r[4] for r in read], np.float64).reshape(-1, 15)[order]
     labels = tuple(read[row][3] for row in order)
     boxes_m = from_kitti_boxes(values[:, 7:14])
-    boxes_m[[label == DONT_CARE for label in labels]] = np.nan
+    known = [label != DONT_CARE and _has_box(v) for label, v in zip(labels, values, strict=True)]
+    boxes_m[~np.array(known, bool)] = np.nan
     return TrackedBoxes(
         frames=np.array([r[1] for r in read], np.int64)[order],
         ids=np.array([r[2] for r in read], np.int64)[order],
@@ -173,6 +176,10 @@ def _checked(row: _Row, path: Path) -> _Row:
     line, frame, _, label, values = row
     if frame < 0:
         raise InputError(f"line {line}: frame {frame} is negative", where=path)
-    if label != DONT_CARE and min(values[7:10]) <= 0:
+    if label != DONT_CARE and _has_box(values) and min(values[7:10]) <= 0:
         raise InputError(f"line {line}: a box of negative or no size", where=path)
     return row
+
+
+def _has_box(values: Sequence[float] | _F64) -> bool:
+    return list(values[10:13]) != _UNKNOWN_PLACE

@@ -7,17 +7,19 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Literal, get_args
 
-from percept.core.errors import InputError
+from percept.core.errors import InputError, UsageError
 from percept.core.labels import LabelSet
 from percept.datasets.labels.boxes import read_text_lines
 from percept.datasets.labels.coco import holds_coco_results, read_coco, read_coco_results
+from percept.datasets.labels.cvat import cvat_files, read_cvat
 from percept.datasets.labels.kitti import kitti_folder, looks_like_kitti, read_kitti
+from percept.datasets.labels.label_studio import is_label_studio, read_label_studio
 from percept.datasets.labels.parquet import read_box_table, table_file
 from percept.datasets.labels.yolo import looks_like_yolo, read_yolo, yolo_class_names
 
 __all__ = ["LabelFormat", "label_format", "read_detections", "read_labels"]
 
-LabelFormat = Literal["coco", "yolo", "kitti", "parquet"]
+LabelFormat = Literal["coco", "yolo", "kitti", "cvat", "label-studio", "parquet"]
 """The formats that are read."""
 
 _Size = tuple[int, int]
@@ -35,7 +37,9 @@ def label_format(path: Path) -> LabelFormat:
     if table_file(path) is not None:
         return "parquet"
     if path.suffix.lower() == ".json":
-        return "coco"
+        return "label-studio" if is_label_studio(path) else "coco"
+    if path.suffix.lower() == ".xml" or (path.is_dir() and cvat_files(path)):
+        return "cvat"
     if (path / "run.json").is_file():
         raise InputError(
             "is a run without 2D boxes", where=path, remedy="Run percept detect with --model"
@@ -79,6 +83,10 @@ def read_labels(
             return read_yolo(path, image_size=image_size)
         case "kitti":
             return read_kitti(path)
+        case "cvat":
+            return read_cvat(path)
+        case "label-studio":
+            return read_label_studio(path)
         case "parquet":
             return read_box_table(path)
 
@@ -102,8 +110,10 @@ def read_detections(
 
     Raises:
         InputError: If the files cannot be used.
-        UsageError: If the run has no such network.
+        UsageError: If the run has no such network, or the format is one of labels only.
     """
+    if label_format in ("cvat", "label-studio"):
+        raise UsageError(f"{label_format} holds labels, not detections", where=path)
     if label_format == "parquet":
         return read_box_table(path, model=model)
     if label_format == "kitti":

@@ -16,7 +16,7 @@ from onnx import FunctionProto, GraphProto, ModelProto, NodeProto, TensorProto
 
 from percept.core.errors import InputError
 
-__all__ = ["ModelFile", "read_model_file"]
+__all__ = ["ModelFile", "any_size_model", "read_model_file"]
 
 # A protobuf message cannot be larger; larger networks keep their weights in files beside it.
 _MAX_BYTES = 2**31 - 1
@@ -58,6 +58,28 @@ def read_model_file(path: Path) -> ModelFile:
     opsets = [o.version for o in model.opset_import if o.domain in ("", "ai.onnx")]
     metadata = {_text(p.key): _text(p.value) for p in model.metadata_props}
     return ModelFile(metadata, model.ir_version, max(opsets, default=0))
+
+
+def any_size_model(path: Path) -> bytes:
+    """Return an ONNX network as bytes in which images may have any size and number.
+
+    For networks of convolutions alone whose file names the sizes that they were traced with.
+    Batch, height and width of inputs and outputs with four axes become free. The file is not
+    changed.
+
+    Raises:
+        InputError: As for `read_model_file`.
+    """
+    model = _parse(path)
+    weights = {tensor.name for tensor in model.graph.initializer}
+    for value in (*model.graph.input, *model.graph.output):
+        axes = value.type.tensor_type.shape.dim
+        if value.name not in weights and len(axes) == 4:
+            for number in (0, 2, 3):
+                axes[number].dim_param = f"{value.name}_{number}"
+    del model.graph.value_info[:]
+    content: bytes = model.SerializeToString()
+    return content
 
 
 def _parse(path: Path) -> ModelProto:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from percept.core.errors import DependencyError, InputError, UsageError
-from percept.detection.networks.model_file import ModelFile, read_model_file
+from percept.detection.networks.model_file import ModelFile, any_size_model, read_model_file
 
 __all__ = ["Device", "Network", "TensorSpec", "open_network"]
 
@@ -119,13 +119,16 @@ class Network:
             ) from e
 
 
-def open_network(path: Path, *, device: Device = "auto", threads: int = 1) -> Network:
+def open_network(
+    path: Path, *, device: Device = "auto", threads: int = 1, any_size: bool = False
+) -> Network:
     """Open an ONNX network.
 
     Args:
         path: The file.
         device: What it shall run on; `auto` takes a GPU where onnxruntime has a provider for one.
         threads: Number of threads inside of one run.
+        any_size: Whether images may have any size, whatever the file says (`any_size_model`).
 
     Raises:
         InputError: If the file must not or cannot be opened (see `read_model_file`), or it has no
@@ -135,7 +138,8 @@ def open_network(path: Path, *, device: Device = "auto", threads: int = 1) -> Ne
     """
     providers = _providers(device)
     file = read_model_file(path)
-    session = _session(path, file, providers, threads)
+    source = any_size_model(path) if any_size else str(path)
+    session = _session(path, source, file, providers, threads)
     used = session.get_providers()[0]
     if device not in ("auto", "cpu") and used != _PROVIDERS[device]:
         raise _not_installed(device, "its provider is there but does not start")
@@ -193,7 +197,7 @@ def _device_note(device: str, used: str, providers: list[str]) -> str:
 
 
 def _session(
-    path: Path, file: ModelFile, providers: list[str], threads: int
+    path: Path, source: str | bytes, file: ModelFile, providers: list[str], threads: int
 ) -> ort.InferenceSession:
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
@@ -204,7 +208,7 @@ def _session(
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
         return ort.InferenceSession(
-            str(path), options, providers=providers, enable_fallback=len(providers) > 1
+            source, options, providers=providers, enable_fallback=len(providers) > 1
         )
     except _ORT_ERRORS as e:
         raise InputError(

@@ -32,34 +32,37 @@ class Exporter:
         rectified: Whether its images are those without distortion: it then needs the lens of
             each camera.
         solid: Whether it needs 3D: a scan, and the places of LiDARs and cameras.
+        points: Whether it holds points where there are any.
     """
 
     module: str
     function: str
     rectified: bool = False
     solid: bool = False
+    points: bool = False
 
 
-def _of(module: str, *, rectified: bool = False, solid: bool = False) -> Exporter:
+def _of(module: str, *, solid: bool = False, points: bool = False) -> Exporter:
     return Exporter(
-        module=f"percept.datasets.labelling.{module}",
+        module=f"percept.datasets.labelling.formats.{module}",
         function=f"export_{module}",
-        rectified=rectified,
+        rectified=solid,
         solid=solid,
+        points=points or solid,
     )
 
 
 EXPORTERS: dict[ExportFormat, Exporter] = {
     "coco": _of("coco"),
     "yolo": _of("yolo"),
-    "kitti": _of("kitti", rectified=True, solid=True),
-    "kitti-tracking": _of("kitti_tracking", rectified=True, solid=True),
-    "nuscenes": _of("nuscenes", rectified=True, solid=True),
+    "kitti": _of("kitti", solid=True),
+    "kitti-tracking": _of("kitti_tracking", solid=True),
+    "nuscenes": _of("nuscenes", solid=True),
     "cvat": _of("cvat"),
     "label-studio": _of("label_studio"),
-    "openlabel": _of("openlabel"),
-    "sustech": _of("sustech", rectified=True, solid=True),
-    "parquet": _of("parquet"),
+    "openlabel": _of("openlabel", points=True),
+    "sustech": _of("sustech", solid=True),
+    "parquet": _of("parquet", points=True),
 }
 """All formats. A set is exported to a folder of the format's name below that of the set."""
 

@@ -1,0 +1,3 @@
+"""Labels that people corrected: read back, and compared."""
+
+from __future__ import annotations

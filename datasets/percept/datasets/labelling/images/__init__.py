@@ -1,0 +1,3 @@
+"""The files of images: as recorded, without distortion, with persons unreadable."""
+
+from __future__ import annotations

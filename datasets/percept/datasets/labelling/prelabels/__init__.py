@@ -1,0 +1,3 @@
+"""The boxes that labelling begins from."""
+
+from __future__ import annotations
