@@ -334,6 +334,7 @@ def test_the_rule_in_the_docs_is_the_one_that_ships(tmp_path: Path) -> None:
         ("docs/map-validate.md", COVERAGE.names),
         ("docs/map-validate.md", OFFSETS.names),
         ("docs/dataset-prepare.md", DATASET_TABLES["frames"].names),
+        ("docs/dataset-prepare.md", DATASET_TABLES["keyframes"].names),
         ("docs/dataset-prepare.md", DATASET_TABLES["boxes_2d"].names),
         ("docs/dataset-prepare.md", DATASET_TABLES["boxes_3d"].names),
         ("docs/dataset-prepare.md", DROPPED.names),

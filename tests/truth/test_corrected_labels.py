@@ -230,7 +230,8 @@ def test_foreign_and_hostile_names_are_counted_named_and_never_opened(
     path.write_text(text.replace("</annotations>", f"{images}</annotations>"), encoding="utf-8")
     corrected = read_corrected(path, "cvat", copied)
     assert corrected.dropped == {"images that are not in the data set": 3}
-    assert all(name in corrected.notes[0] for name in names)
+    # A note shows the beginning of a long name, such as that of a deep folder.
+    assert all(name[:40] in corrected.notes[0] for name in names)
 
 
 def test_a_coco_name_that_leads_elsewhere_is_named(copied: LabelledSet) -> None:

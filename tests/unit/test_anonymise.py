@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from percept.core.errors import GeometryError
+from percept.core.rig import CameraSensor
+from percept.core.samples import CameraImage
 from percept.datasets.labelling.images.anonymise import Anonymiser, blur_regions
+from percept.datasets.labelling.images.image_files import ImageConfig, ImageWriter
 
 _BOX = (20.0, 30.0, 60.0, 50.0)
 
@@ -80,6 +85,24 @@ def test_all_finders_see_the_image_as_it_was() -> None:
     assert done.counts == {"faces": 1, "plates": 1}
     for image in seen:
         np.testing.assert_array_equal(image, pixels)
+
+
+def test_the_image_without_distortion_is_made_of_what_is_left(tmp_path: Path) -> None:
+    pixels = _noise(200, 320, 3)
+    image = CameraImage(
+        topic="/c", stamp_ns=0, log_time_ns=0, frame="c", pixels=pixels, file=b"\xff\xd8 as it was"
+    )
+    K, bent = (190.0, 190.0, 160.0, 100.0), (-0.2, 0.05, 0.0, 0.0, 0.0)
+    sensor = CameraSensor("c", None, "c", (320, 200), "pinhole", K, bent, None)
+    everywhere = Anonymiser({"faces": lambda _: np.array([[0.0, 0.0, 320.0, 200.0]])})
+    writer = ImageWriter(tmp_path, ImageConfig(), rectified_suffix=".png", anonymiser=everywhere)
+    done = writer.write(image, "one", sensor)
+    assert done.blurred == {"faces": 1}
+    for name in ("images/one.jpg", "rectified/one.png"):
+        written = cv2.imread(str(tmp_path / name))
+        assert written is not None
+        assert _fine(written) < 0.02
+    assert len([path for path in tmp_path.rglob("*") if path.is_file()]) == 2
 
 
 @pytest.mark.parametrize(

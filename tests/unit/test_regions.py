@@ -61,6 +61,22 @@ def test_of_a_yolo_the_classes_of_the_kind_are_used(tmp_path: Path) -> None:
     assert "number plate" in model.note
 
 
+@pytest.mark.parametrize(
+    ("names", "used"),
+    [
+        ("{0: 'human_face', 1: 'headlight'}", "human_face"),
+        ("{0: 'Faces', 1: 'road surface'}", "Faces"),
+        ("{0: 'tail light', 1: 'Head'}", "Head"),
+    ],
+)
+def test_a_class_with_such_a_word_within_another_is_not_used(
+    tmp_path: Path, names: str, used: str
+) -> None:
+    model = open_region_model("faces", _plates(tmp_path / "n.onnx", names))
+    assert len(model(np.zeros((96, 160, 3), np.uint8))) == 1
+    assert model.note.endswith(f"classes {used}")
+
+
 def test_without_such_a_class_all_are_used_with_a_note(tmp_path: Path) -> None:
     model = open_region_model("plates", _plates(tmp_path / "n.onnx", "{0: 'a', 1: 'b'}"))
     assert len(model(np.zeros((96, 160, 3), np.uint8))) == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -25,9 +26,10 @@ RegionKind = Literal["faces", "plates"]
 REGION_KINDS: tuple[RegionKind, ...] = get_args(RegionKind)
 """What can be looked for."""
 
-_WORDS: dict[RegionKind, tuple[str, ...]] = {
-    "faces": ("face", "head"),
-    "plates": ("plate", "licence", "license"),
+# Not what has such a word within another: a surface, a headlight.
+_WORDS: dict[RegionKind, re.Pattern[str]] = {
+    "faces": re.compile(r"(?<!sur)faces?(?![a-z])|(?<![a-z])heads?(?![a-z])"),
+    "plates": re.compile(r"plate|licen[cs]e"),
 }
 
 
@@ -130,7 +132,7 @@ def _yolo(
     settings = YoloConfig(score=config.score, white_level=config.white_level)
     detector = YoloDetector(file, settings, device=device, threads=threads)
     names = detector.layout.class_names
-    chosen = tuple(name for name in names if any(word in name.lower() for word in _WORDS[kind]))
+    chosen = tuple(name for name in names if _WORDS[kind].search(name.lower()))
     if chosen:
         settings = settings.model_copy(update={"classes": chosen})
         detector = YoloDetector(file, settings, device=device, threads=threads)

@@ -175,6 +175,8 @@ class _Tables:
                 self._inspection.add(
                     "split-differs", where, f"{row['split']}, its keyframe {moment['split']}"
                 )
+            if moment is not None and _place(moment) != _place(row):
+                self._inspection.add("table-mismatch", where, "its keyframe is at another place")
             if self._elsewhere:
                 continue
             size = (row["width_px"], row["height_px"])
@@ -202,14 +204,21 @@ class _Tables:
                 continue
             size = (frame["width_px"], frame["height_px"])
             self._inspection.check_box(where, [row[side] for side in _SIDES], size)
-            self._check_label(where, row["label"])
+            self._check_values(where, row)
             if row["box_3d"] is not None and row["box_3d"] not in solids:
                 self._inspection.add("unknown-id", where, f"3D box {row['box_3d']}")
             self._part.count_box(row["label"], frame["split"])
 
-    def _check_label(self, where: str, label: str) -> None:
-        if self._categories is not None and label not in self._categories:
-            self._inspection.add("unknown-class", where, f"'{label}'")
+    def _check_values(self, where: str, row: _Row) -> None:
+        """Check what boxes in images and in space have in common."""
+        if self._categories is not None and row["label"] not in self._categories:
+            self._inspection.add("unknown-class", where, f"'{row['label']}'")
+        if row["box"] < 1:
+            self._inspection.add("bad-id", where, f"box {row['box']}")
+        for name in ("confidence", "truncated", "occluded"):
+            share = row.get(name)
+            if share is not None and not 0 <= share <= 1:
+                self._inspection.add("share-range", where, f"{name} {share:g}")
 
     def _check_solids(self, solids: Sequence[_Row], moments: dict[int, _Row]) -> None:
         for row in solids:
@@ -217,7 +226,7 @@ class _Tables:
             if row["keyframe"] not in moments:
                 self._inspection.add("unknown-id", where, f"keyframe {row['keyframe']}")
             self._inspection.check_solid(where, [row[name] for name in _SOLID])
-            self._check_label(where, row["label"])
+            self._check_values(where, row)
         self._part.solids = len(solids)
 
     def _check_tracks(
@@ -235,6 +244,10 @@ class _Tables:
             if len(splits) > 1:
                 where = f"{drive}, track {track}"
                 self._inspection.add("track-in-splits", where, " and ".join(sorted(splits)))
+
+
+def _place(row: _Row) -> tuple[float | None, float | None]:
+    return row["latitude"], row["longitude"]
 
 
 _OPTIONAL = ("base_", "scan_")
