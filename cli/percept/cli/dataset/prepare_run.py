@@ -12,9 +12,8 @@ from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from percept.cli.dataset.anonymise_models import anonymiser_of
 from percept.cli.dataset.assemble import Assembled, assemble
 from percept.cli.dataset.collect import Collector
 from percept.cli.dataset.conclude import Prepared, conclude
@@ -34,6 +33,10 @@ from percept.datasets.labelling.formats import EXPORTERS
 from percept.datasets.labelling.images.image_files import ImageWriter
 from percept.datasets.labelling.labelled_set import Drive, LabelledSet
 from percept.datasets.labelling.set_tables import write_set
+
+if TYPE_CHECKING:
+    from percept.datasets.labelling.images.anonymise import Anonymiser
+    from percept.detection.regions import RegionModel
 
 __all__ = ["run_preparation"]
 
@@ -74,7 +77,15 @@ class _Preparation:
         self._config = config
         self._check = check
         self._rig = load_rig(request.rig) if request.rig is not None else None
-        self._anonymiser, self._finders = anonymiser_of(request.anonymise, request.anonymise_models)
+        # The networks are loaded only where they are asked for.
+        self._anonymiser: Anonymiser | None = None
+        self._finders: Mapping[str, RegionModel] = {}
+        if request.anonymise or request.anonymise_models:
+            from percept.cli.dataset.anonymise_models import anonymiser_of
+
+            self._anonymiser, self._finders = anonymiser_of(
+                request.anonymise, request.anonymise_models
+            )
         self._with_scans = any(EXPORTERS[name].points for name in request.formats)
         self._staging = request.out / _STAGING
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.optimize import linear_sum_assignment
 
 from percept.core.settings import Settings
 from percept.datasets.labelling.prelabels.categories import UNKNOWN, kind_of
@@ -96,6 +95,8 @@ def match_solids(
     )
     allowed = iou >= needed
     gain = np.where(allowed, 1.0 + iou - cost, 0.0)
+    from scipy.optimize import linear_sum_assignment  # half a second, for runs with boxes only
+
     boxes, columns = linear_sum_assignment(gain, maximize=True)
     found = allowed[boxes, columns]
     matches[boxes[found]] = rows[columns[found]]
