@@ -154,6 +154,10 @@ def plan_drive(
     tree = read_static_transforms(recording)
     window_ns = log_window_ns(recording, request.start_s, request.end_s)
     notes: list[str] = []
+    if recording.format == "folder":
+        notes.append(
+            "Files whose names hold no times count as 10 a second: --every 0.1 takes them all."
+        )
     streams = _cameras(recording, rig, request, tree)
     lidars = _lidars(recording, rig, tree) if with_scans else {}
     lenses = {topic: lens for topic, one in streams.items() if (lens := camera_sensor(one))}

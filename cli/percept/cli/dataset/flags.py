@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, get_args
 
 from percept.core.errors import UsageError
+from percept.datasets.labelling.choice.keyframes import KeyframeConfig
 from percept.datasets.labelling.formats import ExportFormat
 
 __all__ = ["formats_of", "kinds_of", "settings_of"]
@@ -47,8 +48,10 @@ def settings_of(
         UsageError: If a threshold is no number.
     """
     scores = {name: _score(name, text) for name, text in thresholds.items()}
+    # Who asks for more than the usual gap allows means it.
+    gap = every if every is not None and every < KeyframeConfig().min_gap_s else None
     return {
-        "keyframes": {"every_s": every, "distance_m": distance},
+        "keyframes": {"every_s": every, "distance_m": distance, "min_gap_s": gap},
         "split": {"margin_m": margin, "cell_m": cell},
         "prelabels": {"images": {"classes": scores or None}, "solids": {"classes": scores or None}},
     }
